@@ -1,0 +1,49 @@
+# make demo · make test · make bench · make fuzz: each installs what it needs into .venv first.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: demo test check unit process bench fuzz lock clean
+
+# The installation is a file target: it is made anew when a lock or the project file changes.
+$(VENV)/run: requirements.lock pyproject.toml
+	$(PYTHON) -m venv --clear $(VENV)
+	$(BIN)/pip install --quiet --require-hashes -r requirements.lock
+	$(BIN)/pip install --quiet --no-deps --no-build-isolation --editable .
+	touch $@
+
+$(VENV)/dev: $(VENV)/run requirements-dev.lock
+	$(BIN)/pip install --quiet --require-hashes -r requirements-dev.lock
+	touch $@
+
+demo: $(VENV)/run
+	$(BIN)/wackel demo
+
+test: check unit process
+
+check: $(VENV)/dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/wackel schema --check schemas/json
+
+unit: $(VENV)/dev
+	$(BIN)/pytest -q -m "not process"
+
+process: $(VENV)/dev
+	$(BIN)/pytest -q -m process
+
+bench: $(VENV)/dev
+	$(BIN)/python -m tests.bench
+
+fuzz: $(VENV)/dev
+	$(BIN)/python -m tests.fuzz
+
+# Renew the locks; review the difference before committing it.
+lock: $(VENV)/dev
+	$(BIN)/pip-compile --quiet --generate-hashes --allow-unsafe --strip-extras --no-emit-index-url --no-emit-find-links --extra build -o requirements.lock pyproject.toml
+	$(BIN)/pip-compile --quiet --generate-hashes --allow-unsafe --strip-extras --no-emit-index-url --no-emit-find-links --extra build --extra dev -o requirements-dev.lock pyproject.toml
+
+clean:
+	rm -rf $(VENV)

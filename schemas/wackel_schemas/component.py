@@ -1,0 +1,36 @@
+"""Paths that name what can fail, the same in every message: ``bus/main/cable/3-7``.
+
+A cable is named after the servos it joins, in cable order from the adapter.
+"""
+
+ADAPTER = "adapter"
+
+
+def bus(name: str) -> str:
+    """The bus as a whole, where nothing narrower is known."""
+    return f"bus/{name}"
+
+
+def adapter(bus_name: str) -> str:
+    """The USB or UART adapter of a bus."""
+    return f"bus/{bus_name}/{ADAPTER}"
+
+
+def supply(bus_name: str) -> str:
+    """The power supply of a bus."""
+    return f"bus/{bus_name}/supply"
+
+
+def servo(bus_name: str, servo_id: int) -> str:
+    """One servo."""
+    return f"bus/{bus_name}/servo/{servo_id}"
+
+
+def cable(bus_name: str, before: int | None, after: int) -> str:
+    """The cable between two neighbours in the chain; ``before=None`` is the adapter's own."""
+    return f"bus/{bus_name}/cable/{ADAPTER if before is None else before}-{after}"
+
+
+def service(name: str) -> str:
+    """A process of wackel: ``<service>/<instance>``."""
+    return f"service/{name}"

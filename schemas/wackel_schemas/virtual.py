@@ -1,0 +1,44 @@
+"""Control of the virtual robot (queries on ``virtual/request``)."""
+
+from typing import Literal
+
+from wackel_schemas.message import Message, Record
+
+
+class Injection(Record):
+    """One fault on the virtual wire, as in scenario files.
+
+    Attributes:
+        kind: ``break``, ``loose_contact``, ``silent``, ``rhythmic_jammer``, ``permanent_jammer``,
+            ``noise``, ``slow``, ``return_delay``, ``undervoltage``, ``overload``, ``unplugged``,
+            ``latency_timer``, ``power_off``, ``frozen``.
+        bus: Which bus; may be empty if there is only one.
+        servo: Id of the servo concerned; for a cable, the servo that it leads to (from the
+            adapter outwards).
+        value: Strength, by kind: bit error rate, extra response time in s, Return Delay Time
+            register, V, latency in ms, mean contacts lost per s.
+        start_s: When it begins, s after the scenario starts (live: after the request).
+        duration_s: How long it lasts; absent: until healed.
+    """
+
+    kind: str
+    bus: str = ""
+    servo: int | None = None
+    value: float | None = None
+    start_s: float = 0.0
+    duration_s: float | None = None
+
+
+class VirtualRequest(Record):
+    """What to do with the virtual robot: inject a fault, heal matching ones, or list them."""
+
+    operation: Literal["inject", "heal", "list"]
+    injection: Injection | None = None
+
+
+class VirtualReply(Message):
+    """Answer of the virtual robot, with the faults that are active now."""
+
+    ok: bool
+    text: str
+    active: list[Injection] = []

@@ -1,0 +1,1 @@
+"""The `wackel` command: one program, one module per subcommand."""
