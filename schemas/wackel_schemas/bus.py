@@ -11,7 +11,7 @@ from wackel_schemas.message import Message, Record
 Purpose = Literal["cycle", "ping", "background", "command", "request", "observed"]
 
 
-class Chunk(Record):
+class Chunk(Record, kw_only=True):
     """Bytes as the operating system delivered them in one read.
 
     Attributes:
@@ -23,7 +23,7 @@ class Chunk(Record):
     data: bytes
 
 
-class ResponseTime(Record):
+class ResponseTime(Record, kw_only=True):
     """How long one servo took.
 
     Attributes:
@@ -35,7 +35,7 @@ class ResponseTime(Record):
     ns: int
 
 
-class Transaction(Message):
+class Transaction(Message, kw_only=True):
     """One instruction and everything on the bus until the next (``bus/<bus>/transaction``).
 
     The stamp is when the first byte of the instruction left the host, or, where there is no
@@ -75,7 +75,7 @@ class Transaction(Message):
         return chunks[0].data if len(chunks) == 1 else b"".join(chunk.data for chunk in chunks)
 
 
-class ServoState(Record):
+class ServoState(Record, kw_only=True):
     """Registers of one servo in SI units. What was not received in this cycle is absent.
 
     Attributes:
@@ -107,7 +107,7 @@ class ServoState(Record):
     error: int = 0
 
 
-class BusState(Message):
+class BusState(Message, kw_only=True):
     """What the servos said in one transaction (``bus/<bus>/state``); one that is silent is absent.
 
     Attributes:
@@ -117,7 +117,7 @@ class BusState(Message):
     servos: list[ServoState]
 
 
-class ServoStatistics(Record):
+class ServoStatistics(Record, kw_only=True):
     """Counters of one servo since boot.
 
     Attributes:
@@ -137,7 +137,7 @@ class ServoStatistics(Record):
     errors: int = 0
 
 
-class BusStatistics(Message):
+class BusStatistics(Message, kw_only=True):
     """Counters and rates of a bus since boot (``bus/<bus>/statistics``).
 
     Attributes:
@@ -189,7 +189,7 @@ class BusStatistics(Message):
     servos: list[ServoStatistics] = []
 
 
-class ServoGoal(Record):
+class ServoGoal(Record, kw_only=True):
     """Goal values of one servo; what is absent stays as it is. Units as in :class:`ServoState`."""
 
     id: int
@@ -200,13 +200,13 @@ class ServoGoal(Record):
     torque_enabled: bool | None = None
 
 
-class BusCommand(Message):
+class BusCommand(Message, kw_only=True):
     """Goal values for the next cycle (``bus/<bus>/command``)."""
 
     goals: list[ServoGoal]
 
 
-class BusRequest(Record):
+class BusRequest(Record, kw_only=True):
     """Run one instruction on the bus (query on ``bus/<bus>/request``).
 
     Attributes:
@@ -233,7 +233,7 @@ class BusRequest(Record):
     answers: list[int] = []
 
 
-class BusReply(Message):
+class BusReply(Message, kw_only=True):
     """Answer to a request.
 
     Attributes:

@@ -34,3 +34,24 @@ def cable(bus_name: str, before: int | None, after: int) -> str:
 def service(name: str) -> str:
     """A process of wackel: ``<service>/<instance>``."""
     return f"service/{name}"
+
+
+def in_words(component: str) -> str:
+    """A component path as people say it: ``the cable between servo 3 and servo 7 on bus main``."""
+    match component.split("/"):
+        case ["bus", bus]:
+            return f"bus {bus}"
+        case ["bus", bus, "adapter"]:
+            return f"the adapter of bus {bus}"
+        case ["bus", bus, "supply"]:
+            return f"the supply of bus {bus}"
+        case ["bus", bus, "servo", servo]:
+            return f"servo {servo} on bus {bus}"
+        case ["bus", bus, "cable", ends]:
+            before, _, after = ends.partition("-")
+            start = "the adapter" if before == "adapter" else f"servo {before}"
+            return f"the cable between {start} and servo {after} on bus {bus}"
+        case ["service", *name]:
+            return f"the service {'/'.join(name)}"
+        case _:
+            return component

@@ -6,7 +6,7 @@ from wackel_schemas.bus import Transaction
 from wackel_schemas.message import Message, Record
 
 
-class Evidence(Record):
+class Evidence(Record, kw_only=True):
     """What convicts a component.
 
     Attributes:
@@ -20,7 +20,7 @@ class Evidence(Record):
     transaction: Transaction | None = None
 
 
-class FaultReport(Message):
+class FaultReport(Message, kw_only=True):
     """One fault, published at once when it begins, changes its place or heals (``fault/<source>``).
 
     Attributes:

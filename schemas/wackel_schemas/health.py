@@ -9,7 +9,7 @@ FaultStatus = Literal["pending", "confirmed", "healed", "unknown"]
 Level = Literal["ok", "warning", "fault", "unknown"]
 
 
-class Heartbeat(Message):
+class Heartbeat(Message, kw_only=True):
     """A sign of life of a service, once a period (``alive/<service>/<instance>``).
 
     Attributes:
@@ -31,7 +31,7 @@ class Heartbeat(Message):
     overrun: int = 0
 
 
-class FaultRecord(Record):
+class FaultRecord(Record, kw_only=True):
     """A fault as health keeps it; words as in AUTOSAR's Diagnostic Event Manager.
 
     Attributes:
@@ -65,7 +65,7 @@ class FaultRecord(Record):
     freeze_frame: Evidence | None = None
 
 
-class ServiceHealth(Record):
+class ServiceHealth(Record, kw_only=True):
     """A service as the aggregator sees it.
 
     Attributes:
@@ -86,7 +86,7 @@ class ServiceHealth(Record):
     overrun: int = 0
 
 
-class Transition(Record):
+class Transition(Record, kw_only=True):
     """A numbered change of one fault or service, from which times between failures follow.
 
     Attributes:
@@ -103,7 +103,7 @@ class Transition(Record):
     after: str
 
 
-class Health(Message):
+class Health(Message, kw_only=True):
     """The merged state (``health``): at once on a change, else once a second; latched.
 
     Attributes:
@@ -124,7 +124,7 @@ class Health(Message):
     transitions: list[Transition] = []
 
 
-class HealthRequest(Record):
+class HealthRequest(Record, kw_only=True):
     """A query on ``health/request``.
 
     Attributes:
@@ -138,11 +138,9 @@ class HealthRequest(Record):
     component: str = ""
 
 
-class HealthReply(Message):
+class HealthReply(Message, kw_only=True):
     """Answer to a health request."""
 
     ok: bool
     text: str
     health: Health | None = None
-
-

@@ -3,7 +3,14 @@
 from dataclasses import dataclass
 from typing import Generic, Literal, TypeVar
 
-from wackel_schemas.bus import BusCommand, BusReply, BusRequest, BusState, BusStatistics, Transaction
+from wackel_schemas.bus import (
+    BusCommand,
+    BusReply,
+    BusRequest,
+    BusState,
+    BusStatistics,
+    Transaction,
+)
 from wackel_schemas.fault import FaultReport
 from wackel_schemas.health import Health, HealthReply, HealthRequest, Heartbeat
 from wackel_schemas.message import Message, Record

@@ -7,7 +7,7 @@ class Record(msgspec.Struct, omit_defaults=True, kw_only=True):
     """A part of a message: a map with names; a field that is absent has its default."""
 
 
-class Message(Record):
+class Message(Record, kw_only=True):
     """The header of every message.
 
     Attributes:

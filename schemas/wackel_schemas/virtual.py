@@ -5,7 +5,7 @@ from typing import Literal
 from wackel_schemas.message import Message, Record
 
 
-class Injection(Record):
+class Injection(Record, kw_only=True):
     """One fault on the virtual wire, as in scenario files.
 
     Attributes:
@@ -29,14 +29,14 @@ class Injection(Record):
     duration_s: float | None = None
 
 
-class VirtualRequest(Record):
+class VirtualRequest(Record, kw_only=True):
     """What to do with the virtual robot: inject a fault, heal matching ones, or list them."""
 
     operation: Literal["inject", "heal", "list"]
     injection: Injection | None = None
 
 
-class VirtualReply(Message):
+class VirtualReply(Message, kw_only=True):
     """Answer of the virtual robot, with the faults that are active now."""
 
     ok: bool

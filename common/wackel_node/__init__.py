@@ -1,0 +1,1 @@
+"""What every process of wackel shares: configuration, clock, session, life cycle, logging."""

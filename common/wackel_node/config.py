@@ -1,0 +1,232 @@
+"""The robot's configuration, ``robot.toml``: types, defaults, and errors a person understands.
+
+Every default stands here and nowhere else; ``wackel config`` prints them.
+"""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import msgspec
+from msgspec import Meta
+
+BAUD_RATES = (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
+
+Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$")]
+Positive = Annotated[float, Meta(gt=0)]
+Share = Annotated[float, Meta(ge=0, le=1)]
+
+
+class ConfigError(ValueError):
+    """A configuration that cannot be used; the text is one line that names the key."""
+
+
+class _Section(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
+    """A table of the file."""
+
+
+class ServoConfig(_Section, kw_only=True, frozen=True):
+    """One servo of a chain.
+
+    Attributes:
+        id: 0 … 252.
+        model: Model name or series as in the control tables, ``XM430-W210``.
+        role: What it moves, in the builder's words.
+    """
+
+    id: Annotated[int, Meta(ge=0, le=252)]
+    model: str = "XM430-W210"
+    role: str = ""
+
+
+class BusConfig(_Section, kw_only=True, frozen=True):
+    """One servo bus.
+
+    Attributes:
+        port: Path of the serial port.
+        baud_rate: Bit/s.
+        protocol: Wire protocol.
+        mode: ``poll``: the gateway is the master; ``proxy``: the user's software opens
+            ``proxy_port``; ``tap``: a second adapter that only listens.
+        rate: Cycles per second in mode poll; the wire may allow fewer.
+        servos: In cable order, from the adapter outwards.
+        power: Where supply enters the chain: before the first servo (``adapter``), after the last
+            (``far``), or both. The thesis calls ``far`` one-sided and ``adapter`` double-sided.
+        return_delay_us: Return Delay Time that all servos of this bus should have, µs; absent: the
+            one that most of them have.
+        nominal_voltage: V; absent: not checked.
+        proxy_port: Path at which mode proxy offers its port.
+        fast_sync_read: Use Fast Sync Read where the firmware knows it.
+    """
+
+    port: str
+    baud_rate: int = 1_000_000
+    protocol: Literal["dynamixel2"] = "dynamixel2"
+    mode: Literal["poll", "proxy", "tap"] = "poll"
+    rate: Annotated[float, Meta(gt=0, le=2000)] = 100.0
+    servos: list[ServoConfig] = []
+    power: Literal["adapter", "far", "both"] = "adapter"
+    return_delay_us: Annotated[int, Meta(ge=0, le=508)] | None = None
+    nominal_voltage: Positive | None = None
+    proxy_port: str = ""
+    fast_sync_read: bool = True
+
+    def ids(self) -> tuple[int, ...]:
+        """Servo ids in cable order."""
+        return tuple(servo.id for servo in self.servos)
+
+
+class LooseContactConfig(_Section, kw_only=True, frozen=True):
+    """When intermittent loss is a loose contact (thesis, 3.5 and 4).
+
+    Attributes:
+        window_s: Time that is looked back at; longer than one movement of the robot.
+        sample_hz: How often the connection is sampled, 1/5 … 20 Hz in the thesis.
+        rate_low: Failure rate below which loss is ordinary on TTL.
+        rate_high: Failure rate above which the connection is gone rather than loose.
+        evenness: Least (ē − 1)/(ê − 1): failures in one lump are a disconnection.
+    """
+
+    window_s: Positive = 10.0
+    sample_hz: Positive = 20.0
+    rate_low: Share = 0.02
+    rate_high: Share = 0.9
+    evenness: Share = 0.1
+
+
+class ClassifierConfig(_Section, kw_only=True, frozen=True):
+    """Thresholds of the bus fault classifier that have a physical meaning.
+
+    Attributes:
+        ordinary_loss: Share of answers that may be lost on a healthy TTL bus.
+        false_alarms_per_hour: Designed rate of the statistical tests, per bus.
+        loose_contact: The thesis's analysis over time.
+    """
+
+    ordinary_loss: Share = 0.001
+    false_alarms_per_hour: Positive = 0.001
+    loose_contact: LooseContactConfig = LooseContactConfig()
+
+
+class ZenohConfig(_Section, kw_only=True, frozen=True):
+    """How the processes meet.
+
+    Attributes:
+        endpoint: The rendezvous on the robot, at which ``wackel up`` or zenohd listens.
+        lease_ms: After this time without a sign, a peer counts as gone.
+    """
+
+    endpoint: str = "tcp/127.0.0.1:7447"
+    lease_ms: Annotated[int, Meta(ge=100)] = 1000
+
+
+class RecorderConfig(_Section, kw_only=True, frozen=True):
+    """Recordings of ``wackel up``.
+
+    Attributes:
+        directory: Where they go; empty: none is made.
+        max_bytes, max_s: A new file after so much.
+    """
+
+    directory: str = ""
+    max_bytes: Annotated[int, Meta(gt=0)] = 1_000_000_000
+    max_s: Positive = 3600.0
+
+
+class RobotConfig(_Section, kw_only=True, frozen=True):
+    """The whole file.
+
+    Attributes:
+        robot: The robot's name, the second chunk of every key.
+        buses: By name.
+        zenoh, classifier, recorder: Sections of the same name.
+        state_directory: Where the aggregator keeps confirmed faults over a restart; empty:
+            ``$XDG_STATE_HOME/wackel``.
+    """
+
+    robot: Name = "robot"
+    buses: dict[Name, BusConfig] = {}
+    zenoh: ZenohConfig = ZenohConfig()
+    classifier: ClassifierConfig = ClassifierConfig()
+    recorder: RecorderConfig = RecorderConfig()
+    state_directory: str = ""
+
+
+def load(path: Path) -> RobotConfig:
+    """Reads and checks a file.
+
+    Raises:
+        ConfigError: One line: file, key, what stands there and what is allowed.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise ConfigError(
+            f"{path}: no such file; `wackel scan` writes one to start from"
+        ) from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from error
+    return parse(text, str(path))
+
+
+def parse(text: str, name: str = "robot.toml") -> RobotConfig:
+    """Checks the text of a file; ``name`` is how errors call it.
+
+    Raises:
+        ConfigError: As :func:`load`.
+    """
+    try:
+        tree = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{name}: not TOML: {error}") from error
+    try:
+        config = msgspec.convert(tree, RobotConfig)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{name}: {_explain(str(error), tree)}") from error
+    _check(config, name)
+    return config
+
+
+def dump(config: RobotConfig) -> str:
+    """The configuration with every default written out, as JSON text (TOML has no null)."""
+    return msgspec.json.format(msgspec.json.encode(config), indent=2).decode()
+
+
+def _explain(error: str, tree: dict[str, Any]) -> str:
+    """Turns msgspec's "… - at `$.a[…].b`" into key, what stands there, what is allowed."""
+    reason, _, place = error.partition(" - at ")
+    path = place.strip("`").removeprefix("$").lstrip(".")
+    value: Any = tree
+    for part in path.replace("[", ".[").split(".") if path else []:
+        try:
+            value = value[int(part[1:-1])] if part.startswith("[") else value[part]
+        except (KeyError, IndexError, TypeError, ValueError):
+            return f"{path}: {reason}"
+    if not path:
+        return reason
+    shown = "a table" if isinstance(value, dict) else repr(value)
+    return f"{path} = {shown}: {reason}"
+
+
+def _check(config: RobotConfig, name: str) -> None:
+    """What types cannot say."""
+    ports: dict[str, str] = {}
+    for bus_name, bus in config.buses.items():
+        where = f"{name}: buses.{bus_name}"
+        if bus.baud_rate not in BAUD_RATES:
+            allowed = ", ".join(map(str, BAUD_RATES))
+            raise ConfigError(f"{where}.baud_rate = {bus.baud_rate}: allowed are {allowed}")
+        ids = bus.ids()
+        doubled = sorted({i for i in ids if ids.count(i) > 1})
+        if doubled:
+            raise ConfigError(
+                f"{where}.servos: id {doubled[0]} stands there twice; every id is used once a bus"
+            )
+        if bus.mode == "proxy" and not bus.proxy_port:
+            raise ConfigError(
+                f"{where}.proxy_port is missing: mode = 'proxy' needs the path at which your "
+                "software opens the port"
+            )
+        if bus.port in ports:
+            raise ConfigError(f"{where}.port = {bus.port!r}: bus {ports[bus.port]} has it already")
+        ports[bus.port] = bus_name

@@ -1,0 +1,267 @@
+"""All fault codes in one table: what each means, how bad it is, and what to do about it.
+
+A report's ``message`` and ``remedy`` are made from here, so that no code lacks either.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from wackel_schemas.component import in_words
+
+
+@dataclass(frozen=True)
+class FaultCode:
+    """What is known of a kind of fault before one occurs.
+
+    Attributes:
+        text: A plain sentence; ``{component}`` is put in words, other names come from the report.
+        remedy: What to do, in the order in which to try it.
+        severity: ``info`` (worth knowing), ``warning`` (still works), ``fault``.
+        disables: Capabilities that are lost while it is confirmed.
+        debounce_s: How long it must be reported before it counts as confirmed; 0 where the
+            source decides by statistics of its own.
+        heal_s: How long it must be gone before it counts as healed.
+        window_s: The longest time that its source may need to find it again after a restart.
+    """
+
+    text: str
+    remedy: str
+    severity: Literal["info", "warning", "fault"]
+    disables: tuple[str, ...] = ()
+    debounce_s: float = 0.0
+    heal_s: float = 0.5
+    window_s: float = 5.0
+
+
+_CHAIN = ("can_command",)
+
+FAULT_CODES: dict[str, FaultCode] = {
+    # The wire.
+    "lost_signal": FaultCode(
+        "Nothing answers on {component}: no power, or a cable or the first servos are "
+        "disconnected; the bus alone cannot tell which.",
+        "Check the supply and its switch, then the cable from the adapter to the first servo, then "
+        "each further cable. The LED of every powered servo flashes once when power is switched "
+        "on: the first dark one is behind the fault.",
+        "fault",
+        _CHAIN,
+    ),
+    "no_power": FaultCode(
+        "The servos on {component} have no power.",
+        "Check battery, supply, fuse, emergency stop and the power connector of the chain.",
+        "fault",
+        _CHAIN,
+    ),
+    "cable_break": FaultCode(
+        "{component} is disconnected: no servo behind it answers.",
+        "Push both plugs of this cable home; if that does not help, exchange the cable.",
+        "fault",
+        _CHAIN,
+    ),
+    "servo_silent": FaultCode(
+        "{component} does not answer, though servos behind it in the chain do.",
+        "Check that its id, baud rate and protocol are right (wackel scan); power-cycle it. If it "
+        "stays silent, exchange the servo.",
+        "fault",
+        _CHAIN,
+    ),
+    "loose_contact": FaultCode(
+        "{component} has a loose contact: the connection comes and goes.",
+        "Reseat both plugs of this cable and move it while watching the loss; exchange the cable "
+        "or its crimp contacts, and relieve it from strain.",
+        "fault",
+        _CHAIN,
+        window_s=15.0,
+    ),
+    "rhythmic_jammer": FaultCode(
+        "Something on {component} pulls the bus low between packets: a zero byte stands before and "
+        "after every answer (rhythmic jammer).",
+        "Unplug servos one after the other until the zeros are gone; the last one unplugged is "
+        "damaged. Also check the bus supply and, on RS-485, the termination.",
+        "warning",
+    ),
+    "permanent_jammer": FaultCode(
+        "Something on {component} writes on the bus without pause (permanent jammer).",
+        "Unplug servos one after the other until the stream stops; the last one unplugged is "
+        "damaged and has to be exchanged.",
+        "fault",
+        _CHAIN,
+    ),
+    "stray_data": FaultCode(
+        "Bytes that belong to no packet appear on {component}.",
+        "Look for moving cables, missing common ground and strong motors near the data line. If "
+        "it recurs, wackel will name a place.",
+        "warning",
+        heal_s=5.0,
+    ),
+    "noise": FaultCode(
+        "Packets of all servos on {component} are damaged now and then, independent of place.",
+        "Check common ground, shielding and termination; shorten the bus or lower the baud rate.",
+        "warning",
+        window_s=15.0,
+    ),
+    "packet_loss": FaultCode(
+        "{component} loses more answers than ordinary loss explains.",
+        "Check its two plugs and its supply; compare the loss when the robot stands still.",
+        "warning",
+        window_s=30.0,
+    ),
+    "crc_errors": FaultCode(
+        "Answers of {component} arrive damaged more often than ordinary loss explains.",
+        "Check its two plugs; if the neighbours are clean, exchange the cable, then the servo.",
+        "warning",
+        window_s=30.0,
+    ),
+    # Time.
+    "slow_servo": FaultCode(
+        "{component} answers later than it should and than its peers do.",
+        "Read its Return Delay Time; update its firmware; if it stays slow, exchange it.",
+        "warning",
+        window_s=15.0,
+    ),
+    "return_delay": FaultCode(
+        "The Return Delay Time register of {component} is set wrongly.",
+        "Write 0 to register Return Delay Time (torque off), as for the other servos.",
+        "warning",
+    ),
+    "latency_timer": FaultCode(
+        "{component} delivers answers in steps of milliseconds: its USB latency timer is not set.",
+        "Set latency_timer to 1 (udev rule in compose/udev, or wackel doctor), then plug it again.",
+        "warning",
+        window_s=15.0,
+    ),
+    "host_lag": FaultCode(
+        "The computer itself was late in serving {component}; the bus is not to blame.",
+        "Give the gateway real-time priority (compose/systemd) or take load off the computer.",
+        "info",
+        heal_s=5.0,
+    ),
+    # What servos say of themselves.
+    "undervoltage": FaultCode(
+        "{component} reports that its input voltage is out of limits.",
+        "Charge or exchange the battery; check the supply cable. A reboot of the servo clears it.",
+        "fault",
+        _CHAIN,
+    ),
+    "overheating": FaultCode(
+        "{component} reports that it is too hot.",
+        "Let it cool, reduce its load, then reboot it.",
+        "fault",
+        _CHAIN,
+    ),
+    "encoder_error": FaultCode(
+        "{component} reports that its encoder fails.",
+        "Reboot it; if it comes again, the servo has to be repaired.",
+        "fault",
+        _CHAIN,
+    ),
+    "hall_sensor_error": FaultCode(
+        "{component} reports that its Hall sensor fails.",
+        "Reboot it; if it comes again, the servo has to be repaired.",
+        "fault",
+        _CHAIN,
+    ),
+    "electrical_shock": FaultCode(
+        "{component} reports an electrical shock or too little power for its motor.",
+        "Check its supply cable and for short circuits, then reboot it.",
+        "fault",
+        _CHAIN,
+    ),
+    "overload": FaultCode(
+        "{component} is overloaded and has switched its torque off.",
+        "Remove what blocks it, then reboot the servo: only that restores torque.",
+        "fault",
+        _CHAIN,
+    ),
+    "alert": FaultCode(
+        "{component} reports a hardware error that could not be read yet.",
+        "Read its Hardware Error Status; power-cycle it if it cannot be read.",
+        "fault",
+        _CHAIN,
+    ),
+    "instruction_error": FaultCode(
+        "{component} refuses instructions ({error}).",
+        "Check the model and firmware given for it in robot.toml against wackel scan.",
+        "warning",
+    ),
+    "contact_resistance": FaultCode(
+        "The voltage drops at {component}: a contact there has a high resistance.",
+        "Clean or exchange the power contacts of this cable; use thicker wire.",
+        "warning",
+        window_s=30.0,
+    ),
+    "low_supply": FaultCode(
+        "{component} delivers too little voltage to all servos.",
+        "Charge the battery or check the supply.",
+        "warning",
+    ),
+    "frozen_values": FaultCode(
+        "{component} keeps sending exactly the same values although it should change.",
+        "Check its data cable, then reboot it.",
+        "warning",
+        window_s=30.0,
+    ),
+    "unexpected_servo": FaultCode(
+        "{component} answers but is not in robot.toml.",
+        "Add it to robot.toml, or find out who has its id twice.",
+        "warning",
+    ),
+    "unclassified": FaultCode(
+        "{component} misbehaves in a way that fits no known fault.",
+        "Look at the evidence; record the bus (wackel record) and check cables and supply.",
+        "warning",
+    ),
+    # The gateway and the processes.
+    "adapter_unplugged": FaultCode(
+        "{component} is not there: {reason}.",
+        "Plug it in again; check the USB cable and hub, and the permission (wackel doctor).",
+        "fault",
+        _CHAIN,
+    ),
+    "service_dead": FaultCode(
+        "{component} is gone without a word.",
+        "wackel up or systemd restarts it; if it keeps dying, look at its log.",
+        "fault",
+    ),
+    "service_crashed": FaultCode(
+        "{component} has crashed: {reason}.",
+        "It is restarted; please report the reason with a recording (wackel record).",
+        "fault",
+    ),
+    "service_hung": FaultCode(
+        "{component} is alive but silent.",
+        "Look at the load of the computer; restart the service.",
+        "fault",
+    ),
+    "messages_lost": FaultCode(
+        "{component} misses messages: the computer or the network is overloaded.",
+        "Take load off the computer, or lower the rate of the buses.",
+        "warning",
+        heal_s=5.0,
+    ),
+}
+
+# A key that is confirmed explains the faults listed for it, which stay visible but inhibited.
+EXPLAINS: dict[str, frozenset[str]] = {
+    "adapter_unplugged": frozenset(
+        {"lost_signal", "no_power", "cable_break", "servo_silent", "loose_contact", "packet_loss"}
+    ),
+    "lost_signal": frozenset({"servo_silent", "packet_loss"}),
+    "no_power": frozenset({"servo_silent", "packet_loss", "undervoltage", "low_supply"}),
+    "cable_break": frozenset({"servo_silent", "packet_loss"}),
+    "loose_contact": frozenset({"packet_loss", "crc_errors", "stray_data"}),
+    "permanent_jammer": frozenset({"packet_loss", "crc_errors", "stray_data", "noise"}),
+    "noise": frozenset({"packet_loss", "crc_errors", "stray_data"}),
+    "return_delay": frozenset({"slow_servo"}),
+    "latency_timer": frozenset({"slow_servo"}),
+}
+
+
+def message(code: str, component: str, **values: str) -> str:
+    """The plain sentence of a fault; starts with a capital letter.
+
+    Raises:
+        KeyError: Unknown code, or a value that the text of this code needs is missing.
+    """
+    text = FAULT_CODES[code].text.format(component=in_words(component), **values)
+    return text[0].upper() + text[1:]
