@@ -20,6 +20,7 @@ class Heartbeat(Message, kw_only=True):
         received: Messages received since boot.
         lost: Messages of others that never arrived (jumps in ``seq``) since boot.
         overrun: Messages that arrived and were dropped here because the service was busy.
+        rejected: Messages and requests that were not understood.
     """
 
     state: Literal["starting", "ready", "stopping", "crashed"]
@@ -29,6 +30,7 @@ class Heartbeat(Message, kw_only=True):
     received: int = 0
     lost: int = 0
     overrun: int = 0
+    rejected: int = 0
 
 
 class FaultRecord(Record, kw_only=True):

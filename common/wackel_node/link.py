@@ -1,0 +1,361 @@
+"""A process's link to the robot's topics: Zenoh session, typed publishing, subscribing, asking.
+
+Zenoh calls back on its own threads; a :class:`Link` only queues there and runs every handler on
+the thread that calls :meth:`Link.pump`, so services have one thread and need no locks.
+"""
+
+import json
+import queue
+import random
+import time
+from collections import deque
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, Generic, Literal, Self, TypeVar
+
+import zenoh
+from zenoh.ext import (
+    AdvancedPublisher,
+    CacheConfig,
+    HistoryConfig,
+    declare_advanced_publisher,
+    declare_advanced_subscriber,
+)
+from zenoh.handlers import Callback
+
+from wackel_node.clock import Clock
+from wackel_node.config import RobotConfig
+from wackel_node.log import logger
+from wackel_schemas import wire
+from wackel_schemas.keys import ROOT, Query, Topic
+from wackel_schemas.message import Message, Record
+
+M = TypeVar("M", bound=Message)
+Q = TypeVar("Q", bound=Record)
+R = TypeVar("R", bound=Message)
+
+# How many messages wait for a busy reader: of state a quarter of a second at 1 kHz, of evidence
+# several seconds, which also bounds the age of what is still worth reading.
+_DEPTH = {"newest": 256, "all": 4096}
+_WARN_EVERY_S = 60.0
+
+Role = Literal["peer", "client", "router"]
+
+
+class NotReached(ConnectionError):
+    """No robot answers where the configuration points; the text says where and what to start."""
+
+
+def session(config: RobotConfig, role: Role) -> zenoh.Session:
+    """Opens a Zenoh session with explicit endpoints and without multicast.
+
+    Args:
+        config: For endpoint and lease.
+        role: ``router`` is the rendezvous itself; a ``peer`` (service) links directly to the
+            others, comes up without a rendezvous and keeps looking for it; a ``client`` (tool)
+            talks through the rendezvous and fails without one.
+
+    Raises:
+        NotReached: The rendezvous is absent (client), or its address is taken (router).
+    """
+    endpoint = config.zenoh.endpoint
+    # A service on the robot listens on loopback only: what is outside comes in by the rendezvous.
+    listen = {"router": [endpoint], "peer": ["tcp/127.0.0.1:0"], "client": []}[role]
+    settings: dict[str, Any] = {
+        "mode": role,
+        "listen/endpoints": listen,
+        "connect/endpoints": [] if role == "router" else [endpoint],
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": True,
+        # Nothing is scouted, so waiting for it at the start (500 ms) is lost time.
+        "scouting/delay": 1,
+        "open/return_conditions/connect_scouted": False,
+        "timestamping/enabled": True,  # the cache of a latched topic orders its values by it
+        "transport/link/tx/lease": config.zenoh.lease_ms,
+    }
+    if role == "peer":
+        settings["connect/timeout_ms"] = -1
+        settings["connect/exit_on_failure"] = False
+        settings["connect/retry"] = {
+            "period_init_ms": 50,
+            "period_max_ms": 500,
+            "period_increase_factor": 2,
+        }
+    zenoh_config = zenoh.Config()
+    for key, value in settings.items():
+        zenoh_config.insert_json5(key, json.dumps(value))
+    zenoh.init_log_from_env_or("error")
+    try:
+        return zenoh.open(zenoh_config)
+    except zenoh.ZError as error:
+        if role == "router":
+            raise NotReached(
+                f"cannot listen at {endpoint}: is another wackel up or zenohd running?"
+            ) from error
+        raise NotReached(f"no robot at {endpoint}: start it with `wackel up`") from error
+
+
+class Publisher(Generic[M]):
+    """Publishes one type on one key, numbered without gaps; never blocks."""
+
+    def __init__(self, link: "Link", topic: Topic[M], key: str) -> None:
+        self._boot = link.boot
+        self._seq = 0
+        encoding = wire.encoding(topic.message)
+        self._last = b""
+        self._publisher: zenoh.Publisher | AdvancedPublisher
+        if topic.latched:
+            self._publisher = declare_advanced_publisher(
+                link.session,
+                key,
+                encoding=encoding,
+                congestion_control=zenoh.CongestionControl.DROP,
+                cache=CacheConfig(max_samples=1),
+                publisher_detection=True,
+            )
+            # Clients without the advanced subscriber get the latest value by a plain query.
+            self._queryable = link.session.declare_queryable(
+                key, Callback(self._reply_latest, indirect=False)
+            )
+        else:
+            self._publisher = link.session.declare_publisher(
+                key, encoding=encoding, congestion_control=zenoh.CongestionControl.DROP
+            )
+
+    def put(self, message: M) -> None:
+        """Publishes; sets the message's boot and seq."""
+        message.boot = self._boot
+        message.seq = self._seq
+        self._seq += 1
+        self._last = wire.encode(message)
+        self._publisher.put(self._last)
+
+    def _reply_latest(self, query: zenoh.Query) -> None:
+        with query:
+            if self._last:
+                query.reply(query.key_expr, self._last)
+
+
+class _Inbox:
+    """What one subscription or query has received and its handler has not yet seen."""
+
+    def __init__(self, keep: str, deliver: Callable[[Any], None], wake: Callable[[Any], None]):
+        self.items: deque[Any] = deque(maxlen=_DEPTH[keep])
+        self.deliver = deliver
+        self.overrun = 0
+        self._wake = wake
+
+    def add(self, item: Any) -> None:  # on a Zenoh thread
+        # A full inbox is being emptied, or will be: its wake-up is already on the way.
+        full = len(self.items) == self.items.maxlen
+        self.items.append(item)
+        if full:
+            self.overrun += 1
+        else:
+            self._wake(self)
+
+
+class Link:
+    """A session below one robot's name. Use with ``with``: an open session hangs the exit.
+
+    Attributes:
+        boot: Random number of this process start.
+        received, lost, rejected: Counts of messages read, never arrived, and not understood.
+    """
+
+    def __init__(self, config: RobotConfig, role: Role = "client") -> None:
+        self.config = config
+        self.clock = Clock()
+        self.boot = random.getrandbits(32)
+        self.received = 0
+        self.lost = 0
+        self.rejected = 0
+        self._prefix = f"{ROOT}/{config.robot}/"
+        self._inboxes: list[_Inbox] = []
+        self._wake: queue.SimpleQueue[_Inbox | None] = queue.SimpleQueue()
+        self._entities: list[Any] = []  # a subscriber that is garbage collected is undeclared
+        self._last_seen: dict[str, tuple[int, int]] = {}
+        self._warned: dict[str, float] = {}
+        self._timers: list[list[Any]] = []  # [due, period, handler]
+        self.session = session(config, role)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        exc_type: type[BaseException] | None,
+        exc: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.session.close()  # type: ignore[no-untyped-call]
+
+    @property
+    def overrun(self) -> int:
+        """Messages that arrived and were dropped because this process was busy."""
+        return sum(inbox.overrun for inbox in self._inboxes)
+
+    def publisher(self, topic: Topic[M], **chunks: str) -> Publisher[M]:
+        """A publisher on the topic's key with the named chunks filled in."""
+        return Publisher(self, topic, self._prefix + topic.key(**chunks))
+
+    def subscribe(self, topic: Topic[M], handler: Callable[[str, M], None], **chunks: str) -> None:
+        """Calls ``handler(key below the robot's name, message)`` from :meth:`pump`.
+
+        Chunks that are not given match any. What cannot be decoded is counted and logged.
+        """
+
+        def deliver(item: tuple[str, bytes]) -> None:
+            key, payload = item
+            try:
+                message = wire.decode(payload, topic.message)
+            except wire.Rejected as error:
+                self.rejected += 1
+                self._warn(key, f"{key}: {error}")
+                return
+            self.received += 1
+            self._notice_gap(key, message)
+            handler(key, message)
+
+        self.subscribe_raw(topic, lambda key, payload: deliver((key, payload)), **chunks)
+
+    def subscribe_raw(
+        self, topic: Topic[M], handler: Callable[[str, bytes], None], **chunks: str
+    ) -> None:
+        """As :meth:`subscribe`, with the bytes as they came (recorder, echo)."""
+        prefix = len(self._prefix)
+        inbox = self._inbox(topic.keep, lambda item: handler(*item))
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            inbox.add((str(sample.key_expr)[prefix:], sample.payload.to_bytes()))
+
+        key = self._prefix + topic.key(**chunks)
+        callback = Callback(on_sample, indirect=False)
+        if topic.latched:
+            entity: Any = declare_advanced_subscriber(
+                self.session,
+                key,
+                callback,
+                history=HistoryConfig(max_samples=1, detect_late_publishers=True),
+            )
+        else:
+            entity = self.session.declare_subscriber(key, callback)
+        self._entities.append(entity)
+
+    def watch_alive(self, handler: Callable[[str, bool], None]) -> None:
+        """Calls ``handler("<service>/<instance>", alive)`` when a process comes or goes."""
+        prefix = len(self._prefix) + len("alive/")
+        inbox = self._inbox("all", lambda item: handler(*item))
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            inbox.add((str(sample.key_expr)[prefix:], sample.kind == zenoh.SampleKind.PUT))
+
+        self._entities.append(
+            self.session.liveliness().declare_subscriber(
+                self._prefix + "alive/*/*", Callback(on_sample, indirect=False), history=True
+            )
+        )
+
+    def serve(self, query: Query[Q, R], handler: Callable[[Q], R], **chunks: str) -> None:
+        """Answers requests from :meth:`pump`; a request that is not understood gets an error."""
+
+        def deliver(item: zenoh.Query) -> None:
+            with item:
+                try:
+                    payload = item.payload.to_bytes() if item.payload is not None else b"\x80"
+                    reply = handler(wire.decode(payload, query.request))
+                except wire.Rejected as error:
+                    self.rejected += 1
+                    item.reply_err(str(error))
+                    return
+                reply.boot = self.boot
+                item.reply(item.key_expr, wire.encode(reply), encoding=wire.encoding(query.reply))
+
+        inbox = self._inbox("all", deliver)
+        self._entities.append(
+            self.session.declare_queryable(
+                self._prefix + query.key(**chunks), Callback(inbox.add, indirect=False)
+            )
+        )
+
+    def ask(self, query: Query[Q, R], request: Q, timeout_s: float = 2.0, **chunks: str) -> R:
+        """Sends a request and waits for its answer.
+
+        Raises:
+            TimeoutError: Nobody answered in time.
+            wire.Rejected: The other side did not understand the request.
+        """
+        replies = self.session.get(
+            self._prefix + query.key(**chunks),
+            payload=wire.encode(request),
+            encoding=wire.encoding(query.request),
+            timeout=timeout_s,
+        )
+        for reply in replies:
+            if reply.ok is not None:
+                return wire.decode(reply.ok.payload.to_bytes(), query.reply)
+            text = reply.err.payload.to_string() if reply.err is not None else ""
+            if text.startswith("no "):
+                raise wire.Rejected(text)
+        raise TimeoutError(f"no answer on {query.key(**chunks)} within {timeout_s:g} s")
+
+    def every(self, period_s: float, handler: Callable[[], None]) -> None:
+        """Calls ``handler()`` once a period from :meth:`pump`; a late call is not made up for."""
+        self._timers.append([time.monotonic() + period_s, period_s, handler])
+
+    def pump(self, timeout_s: float = 0.0) -> bool:
+        """Runs the handlers of what has arrived and of due timers; waits for work up to the limit.
+
+        Returns:
+            Whether any message was handled, or :meth:`wake` was called.
+        """
+        limit = time.monotonic() + timeout_s
+        while True:
+            now = time.monotonic()
+            for timer in self._timers:
+                if timer[0] <= now:
+                    timer[0] = max(timer[0] + timer[1], now)
+                    timer[2]()
+            due = min([limit, *(timer[0] for timer in self._timers)])
+            handled = self._deliver(max(0.0, due - time.monotonic()))
+            if handled or time.monotonic() >= limit:
+                return handled
+
+    def _deliver(self, timeout_s: float) -> bool:
+        try:
+            inbox = self._wake.get(timeout=timeout_s) if timeout_s else self._wake.get_nowait()
+        except queue.Empty:
+            return False
+        handled = False
+        while True:
+            if inbox is None:
+                return True
+            while inbox.items:
+                inbox.deliver(inbox.items.popleft())
+                handled = True
+            try:
+                inbox = self._wake.get_nowait()
+            except queue.Empty:
+                return handled
+
+    def wake(self) -> None:
+        """Makes a waiting :meth:`pump` return soon; safe from signal handlers and threads."""
+        self._wake.put(None)
+
+    def _inbox(self, keep: str, deliver: Callable[[Any], None]) -> _Inbox:
+        inbox = _Inbox(keep, deliver, self._wake.put)
+        self._inboxes.append(inbox)
+        return inbox
+
+    def _notice_gap(self, key: str, message: Message) -> None:
+        boot, seq = self._last_seen.get(key, (message.boot, message.seq - 1))
+        if message.boot == boot and message.seq > seq + 1:
+            self.lost += message.seq - seq - 1
+        self._last_seen[key] = (message.boot, message.seq)
+
+    def _warn(self, key: str, text: str) -> None:
+        """Logs, for each key at most once a minute: garbage must not fill a disk."""
+        now = time.monotonic()
+        if now - self._warned.get(key, -_WARN_EVERY_S) >= _WARN_EVERY_S:
+            self._warned[key] = now
+            logger.warning(text)

@@ -1,0 +1,109 @@
+"""The life of a service: starting, ready, heartbeat, stopping on a signal, crashed with reason."""
+
+import os
+import signal
+import traceback as tracebacks
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType, TracebackType
+from typing import Literal, Self
+
+from wackel_node.config import RobotConfig
+from wackel_node.link import Link
+from wackel_node.log import logger
+from wackel_node.notify import notify
+from wackel_schemas.health import Heartbeat
+from wackel_schemas.keys import ALIVE, ROOT
+
+HEARTBEAT_S = 0.5  # a hung service shows after 2.5 of these, well within two seconds
+
+State = Literal["starting", "ready", "stopping", "crashed"]
+
+
+class Node(Link):
+    """A link with a life cycle; one per service process, in its main thread.
+
+    Everyone sees it by its liveliness token (process there), its heartbeat (main loop turns) and
+    the state in the heartbeat. SIGINT and SIGTERM end :meth:`run`; leaving the ``with`` block by
+    an exception publishes it as the reason of a crash.
+    """
+
+    def __init__(self, service: str, instance: str, config: RobotConfig) -> None:
+        super().__init__(config, "peer")
+        self.name = f"{service}/{instance}"
+        self.stopping = False
+        self._state: State = "starting"
+        self._heartbeats = self.publisher(ALIVE, service=service, instance=instance)
+        self._token = self.session.liveliness().declare_token(
+            f"{ROOT}/{config.robot}/" + ALIVE.key(service=service, instance=instance)
+        )
+        self._previous: dict[int, Callable[[int, FrameType | None], None] | int | None] = {}
+
+    def __enter__(self) -> Self:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            self._previous[number] = signal.signal(number, lambda *_: self.stop())
+        self._beat()
+        self.every(HEARTBEAT_S, self._beat)
+        return self
+
+    def __exit__(
+        self,
+        exc_type: type[BaseException] | None,
+        exc: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if exc is None or isinstance(exc, KeyboardInterrupt):
+            self._enter("stopping")
+        else:
+            logger.error("crashed", exc_info=exc)
+            self._enter("crashed", _reason(exc))
+        notify("STOPPING=1")
+        super().__exit__(exc_type, exc, traceback)
+        for number, handler in self._previous.items():
+            signal.signal(number, handler)
+
+    def ready(self) -> None:
+        """Tells everyone, and systemd, that the service does its work from now on."""
+        self._enter("ready")
+        notify("READY=1")
+        logger.info("ready")
+
+    def run(self) -> None:
+        """Handles messages and timers until a signal or :meth:`stop`."""
+        while not self.stopping:
+            self.pump(HEARTBEAT_S)
+
+    def stop(self) -> None:
+        """Ends :meth:`run` soon; safe from handlers and signal handlers."""
+        self.stopping = True
+        self.wake()
+
+    def _enter(self, state: State, reason: str = "") -> None:
+        self._state = state
+        self._beat(reason)
+
+    def _beat(self, reason: str = "") -> None:
+        step_ns = self.clock.follow()
+        if step_ns:
+            logger.warning("the wall clock was set by %.1f s; stamps follow", step_ns / 1e9)
+        self._heartbeats.put(
+            Heartbeat(
+                stamp=self.clock.now_ns(),
+                state=self._state,
+                period_s=HEARTBEAT_S,
+                pid=os.getpid(),
+                reason=reason,
+                received=self.received,
+                lost=self.lost,
+                overrun=self.overrun,
+                rejected=self.rejected,
+            )
+        )
+        notify("WATCHDOG=1")
+
+
+def _reason(error: BaseException) -> str:
+    """``ValueError: text (core.py:12)``."""
+    frames = tracebacks.extract_tb(error.__traceback__)
+    place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
+    return f"{type(error).__name__}: {error}{place}"
