@@ -9,10 +9,12 @@
 :mod:`.fast`              answers of fast sync read and fast bulk read, with their chain of CRCs
 :mod:`.errors`            error byte and Hardware Error Status in words
 :mod:`.control_table`     models, registers, units
+:mod:`.tables`            the data behind it
 ========================  =======================================================================
 """
 
 from wackel_protocols.dynamixel2.answers import AnswerReader, Answers, Status, reader
+from wackel_protocols.dynamixel2.control_table import Model, Register, UnknownModel, model
 from wackel_protocols.dynamixel2.expectation import Expectation, expect
 from wackel_protocols.dynamixel2.packet import (
     BROADCAST_ID,
@@ -25,6 +27,7 @@ from wackel_protocols.dynamixel2.packet import (
     decode,
 )
 from wackel_protocols.dynamixel2.scanner import Kind, Scanner, Segment, scan
+from wackel_protocols.dynamixel2.tables import Series
 
 __all__ = [
     "BROADCAST_ID",
@@ -36,13 +39,18 @@ __all__ = [
     "Instruction",
     "InstructionPacket",
     "Kind",
+    "Model",
     "PacketError",
+    "Register",
     "Scanner",
     "Segment",
+    "Series",
     "Status",
     "StatusPacket",
+    "UnknownModel",
     "decode",
     "expect",
+    "model",
     "reader",
     "scan",
 ]
