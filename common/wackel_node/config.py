@@ -5,20 +5,40 @@ Every default stands here and nowhere else; ``wackel config`` prints them.
 
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
 
+from wackel_node.config_errors import first_problem
+from wackel_node.errors import USAGE, Explained
+from wackel_node.toml_text import toml_text
+
 BAUD_RATES = (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
 
-Name = Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]*$")]
+Name = Annotated[
+    str,
+    Meta(
+        pattern=r"^[a-z0-9][a-z0-9_-]*\Z",
+        extra={"words": "a name of a-z, 0-9, - and _ that starts with a letter or digit"},
+    ),
+]
+Endpoint = Annotated[
+    str,
+    Meta(
+        pattern=r"^(tcp|udp|tls|quic|ws|unixsock-stream)/\S+\Z",
+        extra={"words": "a Zenoh endpoint such as 'tcp/127.0.0.1:7447'"},
+    ),
+]
+BaudRate = Annotated[int, Meta(extra={"values": BAUD_RATES})]
 Positive = Annotated[float, Meta(gt=0)]
 Share = Annotated[float, Meta(ge=0, le=1)]
 
 
-class ConfigError(ValueError):
+class ConfigError(Explained, ValueError):
     """A configuration that cannot be used; the text is one line that names the key."""
+
+    exit_code = USAGE
 
 
 class _Section(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
@@ -60,7 +80,7 @@ class BusConfig(_Section, kw_only=True, frozen=True):
     """
 
     port: str
-    baud_rate: int = 1_000_000
+    baud_rate: BaudRate = 1_000_000
     protocol: Literal["dynamixel2"] = "dynamixel2"
     mode: Literal["poll", "proxy", "tap"] = "poll"
     rate: Annotated[float, Meta(gt=0, le=2000)] = 100.0
@@ -116,8 +136,8 @@ class ZenohConfig(_Section, kw_only=True, frozen=True):
         lease_ms: After this time without a sign, a peer counts as gone.
     """
 
-    endpoint: str = "tcp/127.0.0.1:7447"
-    lease_ms: Annotated[int, Meta(ge=100)] = 1000
+    endpoint: Endpoint = "tcp/127.0.0.1:7447"
+    lease_ms: Annotated[int, Meta(ge=100, le=60_000)] = 1000
 
 
 class RecorderConfig(_Section, kw_only=True, frozen=True):
@@ -177,35 +197,19 @@ def parse(text: str, name: str = "robot.toml") -> RobotConfig:
     """
     try:
         tree = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # also numbers and nesting beyond Python's limits
         raise ConfigError(f"{name}: not TOML: {error}") from error
-    try:
-        config = msgspec.convert(tree, RobotConfig)
-    except msgspec.ValidationError as error:
-        raise ConfigError(f"{name}: {_explain(str(error), tree)}") from error
+    problem = first_problem(tree, RobotConfig)
+    if problem:
+        raise ConfigError(f"{name}: {problem}")
+    config = msgspec.convert(tree, RobotConfig)
     _check(config, name)
     return config
 
 
 def dump(config: RobotConfig) -> str:
-    """The configuration with every default written out, as JSON text (TOML has no null)."""
-    return msgspec.json.format(msgspec.json.encode(config), indent=2).decode()
-
-
-def _explain(error: str, tree: dict[str, Any]) -> str:
-    """Turns msgspec's "… - at `$.a[…].b`" into key, what stands there, what is allowed."""
-    reason, _, place = error.partition(" - at ")
-    path = place.strip("`").removeprefix("$").lstrip(".")
-    value: Any = tree
-    for part in path.replace("[", ".[").split(".") if path else []:
-        try:
-            value = value[int(part[1:-1])] if part.startswith("[") else value[part]
-        except (KeyError, IndexError, TypeError, ValueError):
-            return f"{path}: {reason}"
-    if not path:
-        return reason
-    shown = "a table" if isinstance(value, dict) else repr(value)
-    return f"{path} = {shown}: {reason}"
+    """The configuration as a file with every default written out."""
+    return toml_text(msgspec.to_builtins(config))
 
 
 def _check(config: RobotConfig, name: str) -> None:
@@ -213,9 +217,6 @@ def _check(config: RobotConfig, name: str) -> None:
     ports: dict[str, str] = {}
     for bus_name, bus in config.buses.items():
         where = f"{name}: buses.{bus_name}"
-        if bus.baud_rate not in BAUD_RATES:
-            allowed = ", ".join(map(str, BAUD_RATES))
-            raise ConfigError(f"{where}.baud_rate = {bus.baud_rate}: allowed are {allowed}")
         ids = bus.ids()
         doubled = sorted({i for i in ids if ids.count(i) > 1})
         if doubled:

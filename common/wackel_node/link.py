@@ -25,6 +25,7 @@ from zenoh.handlers import Callback
 
 from wackel_node.clock import Clock
 from wackel_node.config import RobotConfig
+from wackel_node.errors import NOT_REACHED, Explained
 from wackel_node.log import logger
 from wackel_schemas import wire
 from wackel_schemas.keys import ROOT, Query, Topic
@@ -38,12 +39,18 @@ R = TypeVar("R", bound=Message)
 # several seconds, which also bounds the age of what is still worth reading.
 _DEPTH = {"newest": 256, "all": 4096}
 _WARN_EVERY_S = 60.0
+# Strangers may write on any key: what is remembered of each ends here.
+_MAX_KEYS = 1024
+# An hour at 1 kHz is not lost between two messages; such a jump is a stranger's number.
+_STRANGE_JUMP = 3_600_000
 
 Role = Literal["peer", "client", "router"]
 
 
-class NotReached(ConnectionError):
+class NotReached(Explained, ConnectionError):
     """No robot answers where the configuration points; the text says where and what to start."""
+
+    exit_code = NOT_REACHED
 
 
 def session(config: RobotConfig, role: Role) -> zenoh.Session:
@@ -101,7 +108,7 @@ class Publisher(Generic[M]):
     def __init__(self, link: "Link", topic: Topic[M], key: str) -> None:
         self._boot = link.boot
         self._seq = 0
-        encoding = wire.encoding(topic.message)
+        self._encoding = encoding = wire.encoding(topic.message)
         self._last = b""
         self._publisher: zenoh.Publisher | AdvancedPublisher
         if topic.latched:
@@ -133,7 +140,7 @@ class Publisher(Generic[M]):
     def _reply_latest(self, query: zenoh.Query) -> None:
         with query:
             if self._last:
-                query.reply(query.key_expr, self._last)
+                query.reply(query.key_expr, self._last, encoding=self._encoding)
 
 
 class _Inbox:
@@ -144,15 +151,21 @@ class _Inbox:
         self.deliver = deliver
         self.overrun = 0
         self._wake = wake
+        self._woken = False
 
     def add(self, item: Any) -> None:  # on a Zenoh thread
-        # A full inbox is being emptied, or will be: its wake-up is already on the way.
-        full = len(self.items) == self.items.maxlen
-        self.items.append(item)
-        if full:
+        if len(self.items) == self.items.maxlen:
             self.overrun += 1
-        else:
+        self.items.append(item)
+        if not self._woken:
+            self._woken = True
             self._wake(self)
+
+    def drain(self) -> None:
+        """Delivers what is there now; what comes meanwhile wakes again, so a flood starves none."""
+        self._woken = False
+        for _ in range(len(self.items)):
+            self.deliver(self.items.popleft())
 
 
 class Link:
@@ -202,20 +215,20 @@ class Link:
     def subscribe(self, topic: Topic[M], handler: Callable[[str, M], None], **chunks: str) -> None:
         """Calls ``handler(key below the robot's name, message)`` from :meth:`pump`.
 
-        Chunks that are not given match any. What cannot be decoded is counted and logged.
+        Chunks that are not given match any. What cannot be decoded, or makes no sense to the
+        handler (which then raises :class:`wire.Rejected`), is counted and logged.
         """
 
         def deliver(item: tuple[str, bytes]) -> None:
             key, payload = item
             try:
                 message = wire.decode(payload, topic.message)
+                self.received += 1
+                self._notice_gap(key, message)
+                handler(key, message)
             except wire.Rejected as error:
                 self.rejected += 1
                 self._warn(key, f"{key}: {error}")
-                return
-            self.received += 1
-            self._notice_gap(key, message)
-            handler(key, message)
 
         self.subscribe_raw(topic, lambda key, payload: deliver((key, payload)), **chunks)
 
@@ -323,20 +336,15 @@ class Link:
 
     def _deliver(self, timeout_s: float) -> bool:
         try:
-            inbox = self._wake.get(timeout=timeout_s) if timeout_s else self._wake.get_nowait()
+            woken = [self._wake.get(timeout=timeout_s) if timeout_s else self._wake.get_nowait()]
         except queue.Empty:
             return False
-        handled = False
-        while True:
-            if inbox is None:
-                return True
-            while inbox.items:
-                inbox.deliver(inbox.items.popleft())
-                handled = True
-            try:
-                inbox = self._wake.get_nowait()
-            except queue.Empty:
-                return handled
+        # No more than what is there now: timers are due even in a flood.
+        woken += [self._wake.get_nowait() for _ in range(self._wake.qsize())]
+        for inbox in woken:
+            if inbox is not None:
+                inbox.drain()
+        return True
 
     def wake(self) -> None:
         """Makes a waiting :meth:`pump` return soon; safe from signal handlers and threads."""
@@ -348,14 +356,19 @@ class Link:
         return inbox
 
     def _notice_gap(self, key: str, message: Message) -> None:
-        boot, seq = self._last_seen.get(key, (message.boot, message.seq - 1))
-        if message.boot == boot and message.seq > seq + 1:
-            self.lost += message.seq - seq - 1
+        boot, seq = self._last_seen.pop(key, (message.boot, message.seq - 1))
+        jump = message.seq - seq - 1
+        if message.boot == boot and 0 < jump < _STRANGE_JUMP:
+            self.lost += jump
+        if len(self._last_seen) == _MAX_KEYS:
+            del self._last_seen[next(iter(self._last_seen))]
         self._last_seen[key] = (message.boot, message.seq)
 
     def _warn(self, key: str, text: str) -> None:
         """Logs, for each key at most once a minute: garbage must not fill a disk."""
         now = time.monotonic()
         if now - self._warned.get(key, -_WARN_EVERY_S) >= _WARN_EVERY_S:
+            if len(self._warned) == _MAX_KEYS:
+                self._warned.clear()
             self._warned[key] = now
             logger.warning(text)
