@@ -1,0 +1,47 @@
+"""The one table of subcommands: where each lives and what it is for."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Command:
+    """A subcommand.
+
+    Attributes:
+        module: Has ``main(argv: list[str]) -> int``; imported only when the command runs.
+        help: One line.
+    """
+
+    module: str
+    help: str
+
+
+GROUPS: dict[str, dict[str, Command]] = {
+    "Run a robot": {
+        "up": Command("wackel_cli.up", "run everything in robot.toml, restart what dies"),
+        "virtual": Command("wackel_virtual.__main__", "a virtual servo bus, with faults at will"),
+        "demo": Command("wackel_cli.demo", "see faults injected, named and healed; no hardware"),
+    },
+    "Look at it": {
+        "top": Command("wackel_cli.top", "live view of buses, servos and faults"),
+        "echo": Command("wackel_cli.echo", "print what is published on a topic"),
+        "record": Command("wackel_recorder.__main__", "record all topics into an MCAP file"),
+        "play": Command("wackel_playback.__main__", "publish a recording in the robot's place"),
+        "replay": Command("wackel_cli.replay", "diagnose a recording as fast as it goes"),
+    },
+    "Set it up": {
+        "scan": Command("wackel_gateway.scan", "find servos and write a robot.toml"),
+        "doctor": Command("wackel_cli.doctor", "check what is most often wrong on a computer"),
+        "config": Command("wackel_cli.config", "check robot.toml and print it with all defaults"),
+        "schema": Command("wackel_cli.schema", "JSON Schemas of all messages"),
+    },
+    "Single services (wackel up runs them for you)": {
+        "gateway": Command("wackel_gateway.__main__", "own a servo bus and publish its traffic"),
+        "classifier": Command("wackel_classifier.__main__", "name bus faults from raw traffic"),
+        "aggregator": Command("wackel_aggregator.__main__", "merge all faults into one health"),
+    },
+}
+
+COMMANDS: dict[str, Command] = {
+    name: command for group in GROUPS.values() for name, command in group.items()
+}
