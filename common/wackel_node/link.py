@@ -224,7 +224,7 @@ class Link:
             try:
                 message = wire.decode(payload, topic.message)
                 self.received += 1
-                self._notice_gap(key, message)
+                self.notice_gap(key, message)
                 handler(key, message)
             except wire.Rejected as error:
                 self.rejected += 1
@@ -355,7 +355,8 @@ class Link:
         self._inboxes.append(inbox)
         return inbox
 
-    def _notice_gap(self, key: str, message: Message) -> None:
+    def notice_gap(self, key: str, message: Message) -> None:
+        """Counts what is missing before a message; for readers of raw payloads."""
         boot, seq = self._last_seen.pop(key, (message.boot, message.seq - 1))
         jump = message.seq - seq - 1
         if message.boot == boot and 0 < jump < _STRANGE_JUMP:
