@@ -61,6 +61,7 @@ class Backup(IntEnum):
     RESTORE = 0x02
 
 
+_STATUS = int(Instruction.STATUS)  # compares much faster than the enumeration
 _CLEAR_REVOLUTIONS = b"\x01\x44\x58\x4c\x22"
 _BACKUP_KEY = b"\x43\x54\x52\x4c"
 
@@ -198,7 +199,7 @@ def decode(data: bytes) -> Packet:
 
 def content(frame: bytes) -> Packet:
     """What a frame says whose header, id, length and CRC have been found right."""
-    if frame[7] != Instruction.STATUS:
+    if frame[7] != _STATUS:
         return InstructionPacket(frame[4], frame[7], unstuff(frame[8:-2]))
     parameters = frame[9:-2]
     return StatusPacket(

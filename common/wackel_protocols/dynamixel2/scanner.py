@@ -20,6 +20,9 @@ from collections import deque
 from dataclasses import dataclass
 from enum import IntEnum
 from heapq import heappop, heappush
+from typing import NamedTuple
+
+from fastcrc.crc16 import umts
 
 from wackel_protocols.dynamixel2.packet import (
     BROADCAST_ID,
@@ -28,7 +31,6 @@ from wackel_protocols.dynamixel2.packet import (
     Instruction,
     Packet,
     content,
-    crc,
     is_id,
 )
 
@@ -71,8 +73,7 @@ class Segment:
     id: int | None = None
 
 
-@dataclass(slots=True)
-class _Frame:
+class _Frame(NamedTuple):
     """A header and what it claims.
 
     ``end`` is where its bytes end if ``possible``, else the first byte that no packet can have.
@@ -85,16 +86,18 @@ class _Frame:
 
 _RUNS = re.compile(rb"\x00+|[^\x00]+")
 _ILLEGAL = re.compile(rb"\xff\xff\xfd(?!\xfd)")
-_STATUS = bytes((Instruction.STATUS,))
 _LEAST_TO_JUDGE = PREFIX_BYTES + 1
 _UNKNOWN_END = 1 << 62
+_STATUS = int(Instruction.STATUS)
+_PACKET = Kind.PACKET
+_IMPOSSIBLE_IDS = frozenset(byte for byte in range(256) if not is_id(byte))
 
 
 class Scanner:
     """Takes a stream in any chunks and gives the segments that tile it, without gap or overlap."""
 
-    def __init__(self) -> None:
-        self._buffer = b""
+    def __init__(self, data: bytes = b"") -> None:
+        self._buffer = data
         self._base = 0  # offset of the buffer's first byte
         self._done = 0  # everything before is in a segment or in the open run
         self._searched = 0  # every header that starts before is in the two collections below
@@ -119,25 +122,25 @@ class Scanner:
 
     def _advance(self, *, final: bool) -> list[Segment]:
         segments: list[Segment] = []
-        base = self._base
-        available = base + len(self._buffer)
+        buffer, base = self._buffer, self._base
+        available = base + len(buffer)
         self._search(available, final=final)
-        view = memoryview(self._buffer)
-        waiting = self._waiting
+        frames, waiting = self._frames, self._waiting
         while waiting and waiting[0][0] <= available:
             end, start = heappop(waiting)
             if start < self._done:
                 continue
-            last = end - base
-            if crc(view[start - base : last - 2]) == view[last - 2] | view[last - 1] << 8:
-                self._settle(start, segments, final=True)
+            frame = buffer[start - base : end - base]
+            if umts(frame[:-2]) == frame[-2] | frame[-1] << 8:
+                if start > self._done:
+                    self._settle(start, segments, final=True)
                 self._close_run(segments)
-                packet = content(self._buffer[start - base : last])
-                segments.append(Segment(Kind.PACKET, start, end, packet, None, packet.id))
+                packet = content(frame)
+                segments.append(Segment(_PACKET, start, end, packet, None, packet.id))
                 self._done = end
                 self._searched = max(self._searched, end)
-                while self._frames and self._frames[0].start < end:
-                    self._frames.popleft()
+                while frames and frames[0].start < end:
+                    frames.popleft()
         self._settle(available, segments, final=final)
         if final:
             self._close_run(segments)
@@ -162,16 +165,16 @@ class Scanner:
         self._searched = max(base + position, unsearched)
 
     def _judge(self, start: int) -> _Frame:
-        head = self._buffer[start - self._base : start - self._base + _LEAST_TO_JUDGE]
-        if len(head) > 4 and not is_id(head[4]):
-            return _Frame(start, start + 4, possible=False)
-        if len(head) < PREFIX_BYTES:
-            return _Frame(start, _UNKNOWN_END, possible=True)
-        length = head[5] | head[6] << 8
-        least = 4 if head[PREFIX_BYTES:] == _STATUS else 3
-        if length < least:
-            return _Frame(start, start + 5, possible=False)
-        return _Frame(start, start + PREFIX_BYTES + length, possible=True)
+        buffer, at = self._buffer, start - self._base
+        known = len(buffer) - at
+        if known > 4 and buffer[at + 4] in _IMPOSSIBLE_IDS:
+            return _Frame(start, start + 4, False)
+        if known < PREFIX_BYTES:
+            return _Frame(start, _UNKNOWN_END, True)
+        length = buffer[at + 5] | buffer[at + 6] << 8
+        if length < 3 or (length == 3 and known > 7 and buffer[at + 7] == _STATUS):
+            return _Frame(start, start + 5, False)
+        return _Frame(start, start + PREFIX_BYTES + length, True)
 
     def _settle(self, limit: int, segments: list[Segment], *, final: bool) -> None:
         """Account for the bytes before ``limit``, which are in no valid packet.
@@ -220,5 +223,4 @@ class Scanner:
 
 def scan(data: bytes) -> list[Segment]:
     """The segments of a whole recording."""
-    scanner = Scanner()
-    return scanner.feed(data) + scanner.finish()
+    return Scanner(data).finish()
