@@ -1,0 +1,17 @@
+"""A virtual robot: servos on real pseudo-terminals, with faults that can be injected.
+
+``servo``, ``motion``, ``indirect``: one servo. ``chain``: cables and supply. ``adapter``: the USB
+adapter. ``wire``: all of them as discrete events. ``disturbance``, ``faults``, ``bus``: what can go
+wrong. ``scenario``: files that say what goes wrong when. ``port``, ``service``: the process.
+
+The bus is pure: time is an argument, so an hour of traffic takes seconds in a test::
+
+    bus = VirtualBus(config, seed=1)
+    bus.inject(Injection(kind="break", servo=5))
+    chunks = bus.exchange(at_ns, instruction, wait_ns)
+"""
+
+from wackel_virtual.bus import VirtualBus
+from wackel_virtual.faults import InjectionError
+
+__all__ = ["InjectionError", "VirtualBus"]

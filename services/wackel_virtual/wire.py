@@ -1,0 +1,668 @@
+"""One bus as discrete events: the host's bytes, the servos' answers, and what becomes of them.
+
+Time is an argument, in ns; nothing here reads a clock or sleeps. One event stands for a whole
+packet, at the moment its last bit has passed, so an answer of 20 servos costs 20 events.
+
+Assumptions where the manual and the thesis are silent are named where they stand.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from heapq import heappop, heappush
+from random import Random
+from typing import Any
+
+from wackel_node.config import BusConfig
+from wackel_protocols.dynamixel2.expectation import PING_BYTES, Expectation, expect
+from wackel_protocols.dynamixel2.fast import fast_prefix
+from wackel_protocols.dynamixel2.packet import (
+    BROADCAST_ID,
+    PREFIX_BYTES,
+    CrcError,
+    Instruction,
+    InstructionPacket,
+    PacketError,
+    StatusPacket,
+    crc,
+    decode,
+)
+from wackel_protocols.dynamixel2.scanner import Kind, Scanner
+from wackel_virtual.adapter import Adapter
+from wackel_virtual.chain import Chain, voltages
+from wackel_virtual.disturbance import BitErrors, JammerStream, jammed_share, zeros
+from wackel_virtual.faults import Conditions
+from wackel_virtual.servo import CRC_ERROR, Servo
+
+GAP_NS = 1_500_000
+"""A longer pause within an instruction makes servos drop it (e-manual, "Return Delay Time")."""
+PROCESSING_NS = 52_000
+"""From the last bit of an instruction to the first of the answer, beyond Return Delay Time: with it
+a ping at 2 Mbit/s takes the 672 µs of the thesis (2.7): 50 of instruction, 500 of delay, 70 of
+answer, and this."""
+TURN_NS = 4_000
+"""The same for a servo whose answer is ready and that only waits for its predecessor's end."""
+JITTER_NS = 3_000
+"""Greatest deviation of both: the firmware's loop; the spread in the thesis's figure 2.7."""
+PING_SLOT_NS = 3_000_000
+"""Of one id in a broadcast ping, beyond the time of its answer's bytes (SDK: 3 ms an id)."""
+TTY_BYTES = 4096
+"""What the operating system keeps for a reader that does not read; the rest is lost."""
+POWER_CHECK_NS = 100_000_000
+"""How often servos compare their input voltage with its limits."""
+
+
+@lru_cache(maxsize=4096)
+def _understand(data: bytes) -> InstructionPacket | int | None:
+    """The instruction in ``data``; the id in it if only its CRC is wrong; None if neither."""
+    try:
+        packet = decode(data)
+    except CrcError:
+        return data[4]
+    except PacketError:
+        return None
+    return packet if isinstance(packet, InstructionPacket) else None
+
+
+@dataclass(slots=True)
+class _Heard:
+    """An instruction on its way to the servos."""
+
+    start_ns: int
+    end_ns: int
+    baud_rate: int
+    packet: InstructionPacket | None
+    bad_crc_id: int | None
+    collided: bool = False
+    missed_from: int = 1 << 30  # servos from this position on were not connected all the time
+
+
+@dataclass(slots=True)
+class _Group:
+    """A sync or bulk read whose servos answer one after the other.
+
+    ``listening`` are the servos that have heard the request, by id.
+    """
+
+    expectation: Expectation
+    addresses: tuple[int, ...]
+    listening: dict[int, Servo]
+    byte_ns: int
+    turn: int = 0
+    so_far: bytes = b""  # of a fast answer
+
+
+@dataclass(slots=True)
+class _Sending:
+    """An answer on the wire, or about to be.
+
+    ``first`` and ``last`` bound the bytes that reach the adapter over a contact that opens or
+    closes meanwhile; ``lost`` are stretches that a collision garbled.
+    """
+
+    servo: Servo
+    start_ns: int
+    end_ns: int
+    byte_ns: int
+    data: bytes
+    group: _Group | None
+    reachable: bool | None = None
+    first: int = 0
+    last: int = 1 << 30
+    sparks: list[tuple[int, bytes]] = field(default_factory=list)
+    lost: list[tuple[int, int]] = field(default_factory=list)
+    cancelled: bool = False
+
+    def index(self, at_ns: int) -> int:
+        """Which byte is on the wire at this time."""
+        return min(max((at_ns - self.start_ns) // self.byte_ns, 0), len(self.data))
+
+
+class Wire:
+    """A bus with its servos, cables, supply and adapter.
+
+    Args:
+        config: Servos in cable order, baud rate, where supply enters.
+        seed: Of everything random: the same calls with the same seed give the same bytes.
+        latency_ms: USB latency timer of the adapter.
+        loss: Share of answers that a healthy bus loses or damages (TTL without any shielding).
+        firmware: Firmware versions that differ from the newest, by servo id.
+    """
+
+    def __init__(
+        self,
+        config: BusConfig,
+        seed: int = 0,
+        *,
+        latency_ms: int = 0,
+        loss: float = 0.0,
+        firmware: Mapping[int, int] | None = None,
+    ) -> None:
+        self.ids = config.ids()
+        self.now_ns = 0
+        self._random = Random(f"{seed}/wire")
+        self._latency_ms = latency_ms
+        self._loss = loss
+        versions = firmware or {}
+        self.servos = [
+            Servo(
+                servo,
+                Random(f"{seed}/servo/{position}"),
+                baud_rate=config.baud_rate,
+                return_delay_us=config.return_delay_us,
+                firmware=versions.get(servo.id),
+            )
+            for position, servo in enumerate(config.servos)
+        ]
+        self._nominal_volts = config.nominal_voltage or min(
+            (servo.recommended_volts for servo in self.servos), default=12.0
+        )
+        self._chain = Chain(len(self.servos), config.power)
+        self._adapter = Adapter(latency_ms)
+        self._noise = BitErrors(Random(f"{seed}/noise"))
+        self._jammer = JammerStream(Random(f"{seed}/jammer"))
+        self._conditions = Conditions()
+        self._positions = {servo: position for position, servo in enumerate(self.servos)}
+        self._power_lost_ns: dict[int, int] = {}
+        self._power_checked_ns = 0
+
+        self._events: list[tuple[int, int, Callable[[int, Any], None], Any]] = []
+        self._count = 0  # orders events of the same time
+        self._scanner = Scanner()
+        self._scanned = 0  # bytes that the scanner was fed
+        self._partial = False  # whether it may hold the beginning of an instruction
+        self._hearing: list[_Heard] = []
+        self._air: list[_Sending] = []
+        self._listening_baud = config.baud_rate
+        self._host_start_ns = 0
+        self._host_end_ns = 0
+        self._idle_ns = 0  # the host's receiver has had nothing to read since
+        self._supply_power(0)
+
+    # What the host does and gets.
+
+    def transmit(self, at_ns: int, data: bytes, baud_rate: int) -> None:
+        """The host sends.
+
+        Args:
+            at_ns: When the first byte leaves; later if the host is still sending.
+            data: Any bytes.
+            baud_rate: At which the host sends, and listens from now on.
+        """
+        self.advance(at_ns)
+        if not self._conditions.plugged or not data:
+            return
+        byte_ns = _byte_ns(baud_rate)
+        start = max(at_ns, self._host_end_ns)
+        end = start + len(data) * byte_ns
+        if start - self._host_end_ns > GAP_NS or baud_rate != self._listening_baud:
+            self._partial = False
+        self._jam_until(start)
+        self._idle_ns = end
+        self._listening_baud = baud_rate
+        self._host_start_ns, self._host_end_ns = start, end
+        collided = self._collide(start, end)
+        for heard in self._parse(self._noise.apply(data), start, byte_ns, baud_rate):
+            heard.collided = collided
+            self._hearing.append(heard)
+            self.schedule(heard.end_ns, self._hear, heard)
+
+    def deliveries(self, until_ns: int) -> list[tuple[int, bytes]]:
+        """What the host's operating system has received by then: (when, bytes), in order."""
+        self.advance(until_ns)
+        self._jam_until(until_ns)
+        return self._adapter.take(until_ns)
+
+    def exchange(
+        self, at_ns: int, instruction: bytes, wait_ns: int, baud_rate: int | None = None
+    ) -> list[tuple[int, bytes]]:
+        """Send, and return what came within ``wait_ns``; what came earlier is thrown away."""
+        self.deliveries(at_ns)
+        self.transmit(at_ns, instruction, baud_rate or self._listening_baud)
+        return self.deliveries(at_ns + wait_ns)
+
+    def next_ns(self) -> int | None:
+        """When something will happen next; None if nothing will before the host sends."""
+        times = [self._events[0][0]] if self._events else []
+        delivery = self._adapter.next_ns()
+        if delivery is not None:
+            times.append(delivery)
+        if self._jamming():
+            # The host reads a stream in full USB packets.
+            times.append(self._idle_ns + 62 * _byte_ns(self._listening_baud))
+        return min(times, default=None)
+
+    @property
+    def plugged(self) -> bool:
+        """Whether the adapter is there."""
+        return self._conditions.plugged
+
+    # The course of events.
+
+    def schedule(self, at_ns: int, call: Callable[[int, Any], None], argument: object) -> None:
+        """Have ``call(at_ns, argument)`` happen at this time."""
+        self._count += 1
+        heappush(self._events, (at_ns, self._count, call, argument))
+
+    def advance(self, until_ns: int) -> None:
+        """Let everything happen up to this time; time never goes back."""
+        events = self._events
+        while events and events[0][0] <= until_ns:
+            at_ns, _, call, argument = heappop(events)
+            self.now_ns = max(self.now_ns, at_ns)
+            call(at_ns, argument)
+        self.now_ns = max(self.now_ns, until_ns)
+
+    def impose(self, at_ns: int, conditions: Conditions, spark: bytes | None = None) -> None:
+        """Change the conditions of the bus.
+
+        Args:
+            at_ns: Now.
+            conditions: All of them.
+            spark: Bytes that a contact throws on the wire as it opens or closes; absent for any
+                other change, where a cable or a switch gives zeros of its own.
+        """
+        before, self._conditions = self._conditions, conditions
+        near, powered = self._chain.near, self._chain.powered
+        self._chain.set(conditions.open_cables, supplied=conditions.powered)
+        connected = conditions.open_cables != before.open_cables
+        if connected or powered != self._chain.powered:
+            self._cut(at_ns, near, powered)
+            self._change_power(at_ns, powered)
+        if spark is not None:
+            self._throw(at_ns, spark)
+        elif connected or conditions.powered != before.powered:
+            self._receive(at_ns, zeros(self._random))
+        self._noise.set_rate(conditions.bit_error_rate)
+        latency_ms = conditions.latency_ms
+        self._adapter.latency_ms = self._latency_ms if latency_ms is None else latency_ms
+        if not conditions.plugged:
+            self._adapter.clear()
+        if conditions.permanent and not before.permanent:
+            self._idle_ns = max(self._idle_ns, at_ns)
+        for position, servo in enumerate(self.servos):
+            servo.stick(position in conditions.frozen, at_ns)
+            wrong = conditions.return_delay.get(position)
+            if wrong != before.return_delay.get(position):
+                servo.misset_return_delay(wrong)
+            servo.suffer(conditions.hardware_errors.get(position, 0), at_ns)
+        self._supply_power(at_ns)
+
+    # Host to servos.
+
+    def _parse(self, data: bytes, start: int, byte_ns: int, baud_rate: int) -> list[_Heard]:
+        """The instructions that end within these bytes."""
+        if not self._partial:
+            understood = _understand(data)
+            if understood is not None:
+                end = start + len(data) * byte_ns
+                if isinstance(understood, InstructionPacket):
+                    return [_Heard(start, end, baud_rate, understood, None)]
+                return [_Heard(start, end, baud_rate, None, understood)]
+            self._scanner = Scanner()
+            self._scanned = 0
+            self._partial = True
+        offset = self._scanned
+        self._scanned += len(data)
+        heard = []
+        for segment in self._scanner.feed(data):
+            first = start + (segment.start - offset) * byte_ns
+            last = start + (segment.end - offset) * byte_ns
+            if segment.kind is Kind.PACKET and isinstance(segment.packet, InstructionPacket):
+                heard.append(_Heard(first, last, baud_rate, segment.packet, None))
+            elif segment.kind is Kind.BAD_CRC:
+                heard.append(_Heard(first, max(last, start), baud_rate, None, segment.id))
+        return heard
+
+    def _hear(self, at_ns: int, heard: _Heard) -> None:
+        self._hearing.remove(heard)
+        packet, conditions = heard.packet, self._conditions
+        jammers = self._jammers(conditions.rhythmic)
+        if jammers or not self._chain.answering():
+            glitch = b"\0" if jammers else zeros(self._random)
+            self.schedule(at_ns + _byte_ns(heard.baud_rate), self._receive, glitch)
+        if heard.collided or jammers > 1:
+            return
+        listening = self._listening(heard)
+        for sending in self._air:
+            if sending.start_ns >= at_ns and sending.servo in listening:
+                sending.cancelled = True
+        if packet is None:
+            for servo in listening:
+                if servo.id == heard.bad_crc_id and servo.status_return_level >= 2:
+                    self._answer(servo, heard, CRC_ERROR, b"")
+            return
+        if at_ns - self._power_checked_ns >= POWER_CHECK_NS:
+            self._supply_power(at_ns)
+        for servo in listening:
+            servo.note_instruction(at_ns)
+        self._obey(heard, packet, listening)
+
+    def _listening(self, heard: _Heard) -> list[Servo]:
+        """The servos that have heard the whole instruction."""
+        chain, baud_rate, start = self._chain, heard.baud_rate, heard.start_ns
+        return [
+            servo
+            for position, servo in enumerate(self.servos[: min(chain.near, heard.missed_from)])
+            if servo.baud_rate == baud_rate
+            and servo.deaf_until_ns <= start
+            and chain.powered[position]
+        ]
+
+    def _obey(self, heard: _Heard, packet: InstructionPacket, listening: list[Servo]) -> None:
+        at_ns = heard.end_ns
+        if packet.id != BROADCAST_ID:
+            for servo in listening:
+                if servo.id == packet.id:
+                    status = servo.execute(packet, at_ns)
+                    if status is not None:
+                        self._answer(servo, heard, *status)
+            return
+        match packet.instruction:
+            case Instruction.PING:
+                for servo in listening:
+                    status = servo.execute(packet, at_ns)
+                    if status is not None:
+                        slot = PING_SLOT_NS + PING_BYTES * _byte_ns(heard.baud_rate)
+                        self._answer(servo, heard, *status, wait_ns=servo.id * slot)
+            case (
+                Instruction.SYNC_READ
+                | Instruction.BULK_READ
+                | Instruction.FAST_SYNC_READ
+                | Instruction.FAST_BULK_READ
+            ):
+                self._begin_group(heard, packet, listening)
+            case Instruction.SYNC_WRITE | Instruction.BULK_WRITE:
+                by_id = {servo.id: servo for servo in listening}
+                sync = packet.instruction == Instruction.SYNC_WRITE
+                pieces = _sync_pieces if sync else _bulk_pieces
+                for servo_id, address, data in pieces(packet.parameters):
+                    if servo_id in by_id:
+                        by_id[servo_id].write(address, data, at_ns)
+            case _:
+                for servo in listening:
+                    servo.execute(packet, at_ns)
+
+    # Servos to host.
+
+    def _answer(
+        self, servo: Servo, heard: _Heard, error: int, parameters: bytes, wait_ns: int = 0
+    ) -> None:
+        # A servo that was just given another id or baud rate still answers with the old one.
+        broadcast = heard.packet is not None and heard.packet.id == BROADCAST_ID
+        answering = heard.packet.id if heard.packet is not None and not broadcast else servo.id
+        status = StatusPacket(answering, error, parameters).encode()
+        start_ns = heard.end_ns + wait_ns + PROCESSING_NS + servo.return_delay_ns
+        self._send(servo, start_ns, _byte_ns(heard.baud_rate), status, None)
+
+    def _begin_group(
+        self, heard: _Heard, packet: InstructionPacket, listening: list[Servo]
+    ) -> None:
+        plan = _group_plan(packet)
+        if plan is None:
+            return
+        expectation, addresses = plan
+        by_id = {servo.id: servo for servo in listening}
+        group = _Group(expectation, addresses, by_id, _byte_ns(heard.baud_rate))
+        servo = by_id.get(expectation.ids[0])
+        if servo is not None:
+            start_ns = heard.end_ns + PROCESSING_NS + servo.return_delay_ns
+            self._take_turn(servo, group, start_ns, heard.end_ns)
+
+    def _take_turn(self, servo: Servo, group: _Group, start_ns: int, at_ns: int) -> None:
+        """The servo whose turn it is sends its part of the answer."""
+        if servo.status_return_level < 1:
+            return
+        expectation, turn = group.expectation, group.turn
+        length = expectation.data_lengths[turn]
+        error, data = servo.read(group.addresses[turn], length, at_ns)
+        if not expectation.fast:
+            status = StatusPacket(servo.id, error, data).encode()
+            self._send(servo, start_ns, group.byte_ns, status, group)
+            return
+        if not servo.knows_fast_read:
+            return
+        block = b"" if turn else fast_prefix(expectation)
+        # Blocks have a fixed place, so one that cannot be read is filled with zeros.
+        block += bytes((error, servo.id)) + (data or bytes(length))
+        block += crc(group.so_far + block).to_bytes(2, "little")
+        group.so_far += block
+        self._send(servo, start_ns, group.byte_ns, block, group)
+
+    def _send(
+        self, servo: Servo, start_ns: int, byte_ns: int, data: bytes, group: _Group | None
+    ) -> None:
+        position, conditions = self._positions[servo], self._conditions
+        if (
+            position in conditions.silent
+            or position in conditions.rhythmic
+            or position in conditions.permanent
+        ):
+            return
+        if conditions.extra_delay_ns:
+            extra = conditions.extra_delay_ns.get(position, 0)
+            # A slow servo is not slow to the microsecond.
+            start_ns += round(extra * (0.8 + 0.4 * self._random.random()))
+        start_ns += int((2.0 * self._random.random() - 1.0) * JITTER_NS)
+        end_ns = start_ns + len(data) * byte_ns
+        sending = _Sending(servo, start_ns, end_ns, byte_ns, data, group)
+        for other in self._air:
+            if other.start_ns < end_ns and start_ns < other.end_ns and not other.cancelled:
+                first, last = max(start_ns, other.start_ns), min(end_ns, other.end_ns)
+                for one in (other, sending):
+                    one.lost.append((one.index(first), one.index(last) + 1))
+        for heard in self._hearing:
+            if start_ns < heard.end_ns and heard.start_ns < end_ns:
+                heard.collided = True
+                sending.lost.append((sending.index(heard.start_ns), sending.index(heard.end_ns)))
+        self._air.append(sending)
+        self.schedule(end_ns, self._sent, sending)
+
+    def _collide(self, start: int, end: int) -> bool:
+        """The host drives the line while servos may be answering; whether one is."""
+        collided = False
+        for sending in self._air:
+            if sending.start_ns < end and start < sending.end_ns and not sending.cancelled:
+                collided = True
+                sending.lost.append((sending.index(start), sending.index(end)))
+        return collided
+
+    def _sent(self, at_ns: int, sending: _Sending) -> None:
+        self._air.remove(sending)
+        if sending.cancelled:
+            return
+        position = self._positions[sending.servo]
+        data = sending.data
+        if sending.lost:
+            damaged = bytearray(data)
+            for first, last in sending.lost:
+                damaged[first:last] = self._random.randbytes(len(damaged[first:last]))
+            data = bytes(damaged)
+        data = self._noise.apply(data)
+        self._arrive(at_ns, position, sending, data)
+        # A successor counts its predecessor's packet by its head: an assumption, since the manual
+        # only says that it waits for it.
+        if sending.group is not None and data[:PREFIX_BYTES] == sending.data[:PREFIX_BYTES]:
+            self._pass_turn(at_ns, sending.group, position)
+
+    def _pass_turn(self, at_ns: int, group: _Group, position: int) -> None:
+        group.turn += 1
+        if group.turn == len(group.expectation.ids):
+            return
+        servo = group.listening.get(group.expectation.ids[group.turn])
+        if servo is None or servo.deaf_until_ns > at_ns:
+            return
+        place = self._positions[servo]
+        if not self._chain.powered[place] or not self._chain.joined(position, place):
+            return
+        delay = TURN_NS if group.expectation.fast else TURN_NS + servo.return_delay_ns
+        self._take_turn(servo, group, at_ns + delay, at_ns)
+
+    def _arrive(self, at_ns: int, position: int, sending: _Sending, data: bytes) -> None:
+        """An answer reaches the adapter, or what is left of it."""
+        conditions = self._conditions
+        reachable = sending.reachable
+        if reachable is None:
+            reachable = position < self._chain.near and self._chain.powered[position]
+        if not reachable:
+            return
+        data = data[sending.first : sending.last]
+        for index, spark in sending.sparks:
+            data = data[:index] + spark + data[index + len(spark) :]
+        if self._loss or conditions.loss:
+            data = self._lose(position, data)
+        if not data:
+            return
+        if conditions.permanent and self._jamming():
+            self._jam_until(sending.start_ns)
+            self._idle_ns = at_ns
+            if self._random.random() < jammed_share(sending.start_ns - self._host_end_ns):
+                hit = self._random.randrange(len(data))
+                data = data[:hit] + self._jammer.take(len(data) - hit)
+        if self._jammers(conditions.rhythmic):
+            data += b"\0"
+        self._receive(at_ns, data)
+
+    def _lose(self, position: int, data: bytes) -> bytes:
+        """Ordinary loss: half of the answers concerned vanish, half have one byte damaged."""
+        shares = self._conditions.loss
+        share = max(self._loss, shares.get(None, 0.0), shares.get(position, 0.0))
+        if self._random.random() >= share:
+            return data
+        if not data or self._random.random() < 0.5:
+            return b""
+        damaged = bytearray(data)
+        damaged[self._random.randrange(len(data))] ^= self._random.randint(1, 255)
+        return bytes(damaged)
+
+    def _receive(self, at_ns: int, data: bytes) -> None:
+        if self._conditions.plugged:
+            self._adapter.receive(at_ns, data)
+
+    # Faults of the line.
+
+    def _jammers(self, places: list[int | None]) -> int:
+        """How many of the jammers are connected and have power."""
+        chain = self._chain
+        return sum(
+            place is None or (place < chain.near and chain.powered[place]) for place in places
+        )
+
+    def _jamming(self) -> bool:
+        """Whether a permanent jammer writes: one is there, and no rhythmic one masks it."""
+        conditions = self._conditions
+        return (
+            bool(conditions.permanent)
+            and conditions.plugged
+            and not self._jammers(conditions.rhythmic)
+            and self._jammers(conditions.permanent) > 0
+        )
+
+    def _jam_until(self, until_ns: int) -> None:
+        """Fill the host's silence with the permanent jammer's bytes."""
+        if not self._conditions.permanent or not self._jamming():
+            return
+        byte_ns = _byte_ns(self._listening_baud)
+        count = (until_ns - self._idle_ns) // byte_ns
+        if count <= 0:
+            return
+        start = self._idle_ns
+        self._idle_ns += count * byte_ns
+        kept = min(count, TTY_BYTES)
+        self._receive(start + kept * byte_ns, self._jammer.take(kept))
+
+    def _throw(self, at_ns: int, spark: bytes) -> None:
+        """A contact sparks: into the answer on the wire, or on the idle bus."""
+        if not spark:
+            return
+        for sending in self._air:
+            if sending.start_ns <= at_ns < sending.end_ns:
+                index = sending.index(at_ns)
+                near = self._positions[sending.servo] < self._chain.near
+                # A driver that is still connected usually overrides the discharge.
+                if not near or self._random.random() < 0.15:
+                    sending.sparks.append((index - sending.first, spark))
+                return
+        if self._host_start_ns <= at_ns < self._host_end_ns:
+            return  # the adapter does not listen while it sends
+        self._receive(at_ns, spark)
+
+    def _cut(self, at_ns: int, near: int, powered: list[bool]) -> None:
+        """Connections have changed: answers on the wire lose their end or their beginning."""
+        chain = self._chain
+        for sending in self._air:
+            if not sending.start_ns <= at_ns < sending.end_ns:
+                continue
+            position = self._positions[sending.servo]
+            was = position < near and powered[position]
+            now = position < chain.near and chain.powered[position]
+            if was and not now:
+                sending.last = min(sending.last, sending.index(at_ns))
+                sending.reachable = True
+            elif now and not was:
+                sending.first = sending.index(at_ns)
+                sending.reachable = True
+        for heard in self._hearing:
+            if heard.start_ns <= at_ns and near != chain.near:
+                heard.missed_from = min(heard.missed_from, near, chain.near)
+
+    # Power.
+
+    def _change_power(self, at_ns: int, powered: list[bool]) -> None:
+        for position, servo in enumerate(self.servos):
+            if powered[position] and not self._chain.powered[position]:
+                self._power_lost_ns[position] = at_ns
+            elif self._chain.powered[position] and not powered[position]:
+                servo.power_returns(at_ns, at_ns - self._power_lost_ns.pop(position, at_ns))
+
+    def _supply_power(self, at_ns: int) -> None:
+        """Tell the servos their input voltage."""
+        self._power_checked_ns = at_ns
+        conditions = self._conditions
+        supply = conditions.supply_volts or self._nominal_volts
+        currents = [servo.drawn_amperes(at_ns) for servo in self.servos]
+        volts = voltages(supply, self._chain.feed, currents, conditions.extra_ohm)
+        for position, servo in enumerate(self.servos):
+            servo.feel_voltage(conditions.servo_volts.get(position, volts[position]), at_ns)
+
+
+@lru_cache(maxsize=256)
+def _group_plan(packet: InstructionPacket) -> tuple[Expectation, tuple[int, ...]] | None:
+    """Who answers a sync or bulk read, and from which addresses; None if it is malformed."""
+    expectation = expect(packet.encode())
+    if not expectation.ids:
+        return None
+    parameters = packet.parameters
+    if packet.instruction in (Instruction.SYNC_READ, Instruction.FAST_SYNC_READ):
+        return expectation, (_word(parameters),) * len(expectation.ids)
+    return expectation, tuple(_word(parameters[i + 1 :]) for i in range(0, len(parameters), 5))
+
+
+@lru_cache(maxsize=64)
+def _byte_ns(baud_rate: int) -> int:
+    """Start bit, eight data bits, stop bit."""
+    return round(10e9 / baud_rate)
+
+
+def _word(data: bytes) -> int:
+    return data[0] | data[1] << 8
+
+
+def _sync_pieces(data: bytes) -> Iterator[tuple[int, int, bytes]]:
+    """(id, address, data) of a sync write; an incomplete piece at the end is ignored."""
+    if len(data) < 4:
+        return
+    address, step = _word(data), 1 + _word(data[2:])
+    for start in range(4, len(data) - step + 1, step):
+        yield data[start], address, data[start + 1 : start + step]
+
+
+def _bulk_pieces(data: bytes) -> Iterator[tuple[int, int, bytes]]:
+    """(id, address, data) of a bulk write; an incomplete piece at the end is ignored."""
+    start = 0
+    while start + 5 <= len(data):
+        end = start + 5 + _word(data[start + 3 :])
+        if end > len(data):
+            return
+        yield data[start], _word(data[start + 1 :]), data[start + 5 : end]
+        start = end
