@@ -13,7 +13,8 @@ class About:
 
     Attributes:
         robot: The robot's name, as in its keys.
-        config: Text of its ``robot.toml``; empty if it was recorded without one.
+        config: The configuration that the recorder ran with, as a ``robot.toml`` that spells out
+            every default, so that a later wackel reads the same from it.
         version: Of the wackel that recorded.
         started_ns: When recording started, UTC ns; the same in all files of one recording.
         session: Random name of the recording; the same in all its files.

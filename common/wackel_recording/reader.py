@@ -18,6 +18,7 @@ from mcap.records import Channel, Chunk, Metadata, Statistics
 from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
+from wackel_node.errors import Explained
 from wackel_recording.about import METADATA_NAME, About
 from wackel_schemas.keys import ROOT
 
@@ -30,7 +31,7 @@ _DAMAGED = Exception
 Wanted = Callable[[str], bool]
 
 
-class Unreadable(ValueError):
+class Unreadable(Explained, ValueError):
     """No recording of wackel, or none that can be used; the text is one line with the file."""
 
 

@@ -21,8 +21,21 @@ FLUSH_S = 0.5
 # A full disk takes the robot's other programs down with it, so recording ends before that.
 RESERVE_BYTES = 256 * 2**20
 
+# Far beyond a robot's topics: strangers may write on any number of keys, MCAP counts to 65535.
+MAX_KEYS = 1024
+
 _U64 = 2**64
 _U32 = 2**32
+
+
+def header_of(key: str, payload: bytes) -> Message | None:
+    """The header of a message on one of wackel's keys; ``None`` for anything else."""
+    if topic_of(key) is None:
+        return None
+    try:
+        return wire.decode(payload, Message)
+    except wire.Rejected:
+        return None
 
 
 class RecordingWriter:
@@ -35,6 +48,7 @@ class RecordingWriter:
         path: The file in progress; ``None`` before the first message and after :meth:`abandon`.
         messages, foreign, undecodable: Written in all; of these on keys that are not wackel's;
             of these on wackel's keys, but without a message's header. Both are kept as they came.
+        refused: Not written, because there are too many keys.
         reserve_bytes: Space on the disk that is left to others.
     """
 
@@ -67,6 +81,7 @@ class RecordingWriter:
         self.messages = 0
         self.foreign = 0
         self.undecodable = 0
+        self.refused = 0
 
     @property
     def path(self) -> Path | None:
@@ -90,16 +105,14 @@ class RecordingWriter:
         self._file = _File(path, replace(self._about, part=self._next_part))
         self._next_part += 1
 
-    def add(self, key: str, arrived_ns: int, payload: bytes) -> Message | None:
+    def add(self, key: str, arrived_ns: int, payload: bytes, header: Message | None) -> None:
         """Adds one message; in memory until the next :meth:`flush`.
 
         Args:
             key: Below the robot's name.
             arrived_ns: UTC, ns.
             payload: As it came.
-
-        Returns:
-            The message's header, if it has one.
+            header: As :func:`header_of` finds it.
 
         Raises:
             OSError: The next file cannot be opened.
@@ -107,17 +120,14 @@ class RecordingWriter:
         if self._file is None:
             self.open()
         assert self._file is not None
-        header: Message | None = None
-        if topic_of(key) is None:
-            self.foreign += 1
-        else:
-            try:
-                header = wire.decode(payload, Message)
-            except wire.Rejected:
-                self.undecodable += 1
-        self._file.add(f"{ROOT}/{self._about.robot}/{key}", arrived_ns, payload, header)
+        if not self._file.add(f"{ROOT}/{self._about.robot}/{key}", arrived_ns, payload, header):
+            self.refused += 1
+            return
         self.messages += 1
-        return header
+        if header is None:
+            foreign = topic_of(key) is None
+            self.foreign += foreign
+            self.undecodable += not foreign
 
     def flush(self) -> None:
         """Brings to the system all that was added, so that a crash does not lose it.
@@ -198,9 +208,11 @@ class _File:
     def size(self) -> int:
         return self._disk.stored
 
-    def add(self, key: str, arrived_ns: int, payload: bytes, header: Message | None) -> None:
+    def add(self, key: str, arrived_ns: int, payload: bytes, header: Message | None) -> bool:
         channel = self._channels.get(key)
         if channel is None:
+            if len(self._channels) == MAX_KEYS:
+                return False
             channel = self._channels[key] = self._register(key)
         if self._first_ns is None:
             self._first_ns = arrived_ns
@@ -213,6 +225,7 @@ class _File:
             sequence=header.seq % _U32 if header is not None else 0,
             data=payload,
         )
+        return True
 
     def _register(self, key: str) -> int:
         topic = topic_of(key.split("/", 2)[2])

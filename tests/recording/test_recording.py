@@ -11,7 +11,7 @@ from mcap.writer import MCAP0_MAGIC, Writer
 
 from wackel_recording.about import About
 from wackel_recording.reader import Entry, RecordingFile, Unreadable, open_recordings
-from wackel_recording.writer import RecordingWriter
+from wackel_recording.writer import MAX_KEYS, RecordingWriter, header_of
 from wackel_schemas import wire
 from wackel_schemas.bus import BusState, ServoState
 from wackel_schemas.message import Message
@@ -36,7 +36,7 @@ def state(number: int) -> BusState:
 def fill(writer: RecordingWriter, numbers: range) -> None:
     for number in numbers:
         message = state(number)
-        writer.add("bus/main/state", message.stamp + 1000, wire.encode(message))
+        writer.add("bus/main/state", message.stamp + 1000, wire.encode(message), message)
 
 
 def numbers_in(entries: list[Entry]) -> list[int]:
@@ -100,7 +100,7 @@ def test_the_mcap_library_reads_a_recording(sound: bytes, tmp_path: Path) -> Non
 def test_only_wanted_keys_are_read(tmp_path: Path) -> None:
     writer = RecordingWriter(tmp_path, about())
     fill(writer, range(3))
-    writer.add("bus/main/command", START_NS, wire.encode(state(0)))
+    writer.add("bus/main/command", START_NS, wire.encode(state(0)), state(0))
     writer.close()
     (recording,) = open_recordings([tmp_path])
     entries = list(recording.entries(lambda key: key.endswith("command")))
@@ -121,12 +121,22 @@ def test_what_is_not_understood_is_kept_as_it_came_and_counted(
     tmp_path: Path, key: str, payload: bytes, foreign: int, undecodable: int
 ) -> None:
     writer = RecordingWriter(tmp_path, about())
-    writer.add(key, START_NS, payload)
+    writer.add(key, START_NS, payload, header_of(key, payload))
     writer.close()
     (recording,) = open_recordings([tmp_path])
     (entry,) = recording.entries()
     assert (entry.key, entry.payload) == (key, payload)
     assert (writer.foreign, writer.undecodable) == (foreign, undecodable)
+
+
+def test_messages_on_ever_more_keys_are_refused_and_counted(tmp_path: Path) -> None:
+    writer = RecordingWriter(tmp_path, about())
+    for number in range(MAX_KEYS + 3):
+        writer.add(f"foreign/{number}", START_NS, b"x", None)
+    writer.close()
+    (recording,) = open_recordings([tmp_path])
+    assert len(list(recording.entries())) == writer.messages == MAX_KEYS
+    assert writer.refused == 3
 
 
 def test_a_new_file_begins_after_so_many_seconds_and_all_are_read_in_order(tmp_path: Path) -> None:

@@ -1,0 +1,1 @@
+"""The recorder: every topic of the robot into MCAP files."""

@@ -1,0 +1,85 @@
+"""Topics into the files of a recording; a disk that fails costs messages, never the service."""
+
+from collections.abc import Callable, Sequence
+
+from wackel_node.clock import Clock
+from wackel_node.listen import listen
+from wackel_node.log import logger
+from wackel_node.node import Node
+from wackel_recording.writer import FLUSH_S, RecordingWriter, header_of
+
+RETRY_S = 5.0  # a disk that was full is not tried more often than a person could make room
+
+
+class Recorder:
+    """Records what matches the patterns, from construction until :meth:`close`.
+
+    Attributes:
+        dropped: Messages that no file took.
+        others: Whether anything came from another process than this one.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        writer: RecordingWriter,
+        patterns: Sequence[str],
+        progress: Callable[["Recorder"], None] = lambda _: None,
+    ) -> None:
+        """Subscribes.
+
+        Raises:
+            BadPattern: As :func:`listen`.
+        """
+        self.writer = writer
+        self.dropped = 0
+        self.others = False
+        self._node = node
+        self._clock = Clock()  # its own: a wall clock that is set leaves no gap in a recording
+        self._failing = False
+        self._ticks = 0
+        self._progress = progress
+        listen(node, patterns, self._take)
+        node.every(FLUSH_S, self._tick)
+
+    def close(self) -> None:
+        """Takes what has arrived, and ends the file with its index."""
+        self._node.pump()
+        self._guarded(self.writer.close)
+
+    def _take(self, key: str, payload: bytes) -> None:
+        arrived_ns = self._clock.now_ns()
+        header = header_of(key, payload)
+        self._node.received += 1
+        if header is not None:
+            self._node.notice_gap(key, header)
+            self.others = self.others or header.boot != self._node.boot
+        if self._failing or not self._guarded(
+            lambda: self.writer.add(key, arrived_ns, payload, header)
+        ):
+            self.dropped += 1
+
+    def _tick(self) -> None:
+        self._ticks += 1
+        if not self._failing:
+            self._guarded(self.writer.flush)
+        elif self._ticks % round(RETRY_S / FLUSH_S) == 0 and self._guarded(self.writer.open):
+            self._failing = False
+            logger.warning("recording again into %s", self.writer.path)
+        self._progress(self)
+
+    def _guarded(self, act: Callable[[], object]) -> bool:
+        """Whether it was done; if not, recording pauses."""
+        try:
+            act()
+        except OSError as error:
+            if not self._failing:
+                logger.error(
+                    "recording pauses, next attempt in %g s: %s",
+                    RETRY_S,
+                    f"{self.writer.path}: {error.strerror}" if error.strerror else error,
+                )
+            self._failing = True
+            self.writer.abandon()
+            return False
+        return True
