@@ -26,7 +26,7 @@ from wackel_protocols.dynamixel2.packet import (
     control_table_backup,
 )
 from wackel_protocols.dynamixel2.tables import Series
-from wackel_virtual.indirect import indirect_areas
+from wackel_virtual.indirect import IndirectArea, indirect_areas
 from wackel_virtual.motion import STANDBY_A, Motion
 
 RESULT_FAIL, INSTRUCTION_ERROR, CRC_ERROR, DATA_RANGE, DATA_LENGTH, DATA_LIMIT, ACCESS = range(1, 8)
@@ -59,6 +59,10 @@ _UNKNOWN_CURRENT_UNIT = 1e-3
 
 _MODES = frozenset((0, 1, 3, 4, 5, 16))
 _CURRENT, _VELOCITY, _POSITION, _PWM = 0, 1, 3, 16
+
+_Measured = list[tuple[Register, Callable[[int], int]]]
+_Plan = tuple[_Measured, list[IndirectArea]]
+"""What a read needs: registers to measure, and indirect areas to resolve."""
 
 
 class Servo:
@@ -108,6 +112,7 @@ class Servo:
         self._error_address = self._registers["hardware_error_status"].address
         watchdog = self._registers.get("bus_watchdog")
         self._watchdog_address = 0 if watchdog is None else watchdog.address
+        self._least_position, self._greatest_position = self._registers["present_position"].bounds
         self._mode = _POSITION
         self._locked = False  # torque stays off until a restart
         self._backup: bytes | None = None
@@ -124,7 +129,7 @@ class Servo:
             limit=_USUAL_VELOCITY,
         )
         self._measured = self._measurements()
-        self._plans: dict[tuple[int, int], list[tuple[Register, Callable[[int], int]]]] = {}
+        self._plans: dict[tuple[int, int], _Plan] = {}
         self._reset_eeprom()
         self._put("id", config.id)
         self._put("baud_rate", _baud_rate_value(baud_rate, self._registers["baud_rate"], config))
@@ -181,15 +186,15 @@ class Servo:
         table = self._table
         if address + length > len(table):
             return ACCESS | self._alert(), b""
+        plan = self._plans.get((address, length))
+        if plan is None:
+            plan = self._plans[address, length] = self._plan(address, length)
+        measured, areas = plan
         if not self._stuck:
-            key = (address, length)
-            plan = self._plans.get(key)
-            if plan is None:
-                plan = self._plans[key] = self._plan(address, length)
-            for register, measure in plan:
+            for register, measure in measured:
                 self._store(register, measure(at_ns))
         data = bytes(table[address : address + length])
-        for area in self._indirect:
+        for area in areas:
             data = area.read(table, address, data)
         return self._alert(), data
 
@@ -244,7 +249,7 @@ class Servo:
     def stick(self, stuck: bool, at_ns: int) -> None:
         """Whether measured values stay as they are at this moment."""
         if stuck and not self._stuck:
-            for register, measure in self._plan(0, len(self._table)):
+            for register, measure in self._measured:
                 self._store(register, measure(at_ns))
         self._stuck = stuck
 
@@ -274,17 +279,17 @@ class Servo:
         address = register.address
         self._table[address : address + register.length] = register.encode(raw)
 
-    def _plan(self, address: int, length: int) -> list[tuple[Register, Callable[[int], int]]]:
-        """The measured registers that a read of these bytes needs."""
+    def _plan(self, address: int, length: int) -> _Plan:
+        """What a read of these bytes needs."""
         end = address + length
+        areas = [area for area in self._indirect if area.overlaps(address, end)]
         # Indirect data may point anywhere.
-        everything = any(area.overlaps(address, end) for area in self._indirect)
-        return [
+        measured = [
             (register, measure)
             for register, measure in self._measured
-            if everything
-            or (register.address < end and address < register.address + register.length)
+            if areas or (register.address < end and address < register.address + register.length)
         ]
+        return measured, areas
 
     def _targets(self, address: int, data: bytes) -> list[tuple[int, bytes]]:
         """Where bytes written to an address really go."""
@@ -526,9 +531,8 @@ class Servo:
 
     def _position(self) -> int:
         register = self._registers["present_position"]
-        low, high = register.bounds
         raw = round(self._motion.position / register.scale) + register.zero
-        return min(max(raw, low), high)
+        return min(max(raw, self._least_position), self._greatest_position)
 
     def _unwind(self) -> None:
         """Forget whole revolutions."""
@@ -543,7 +547,7 @@ class Servo:
             return 0.1
         return register.to_si(self._get("moving_threshold"))
 
-    def _measurements(self) -> list[tuple[Register, Callable[[int], int]]]:
+    def _measurements(self) -> _Measured:
         """The registers whose values are measured, each with how."""
         motion, random = self._motion, self._random
         registers = self._registers

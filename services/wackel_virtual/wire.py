@@ -81,11 +81,12 @@ class _Heard:
 class _Group:
     """A sync or bulk read whose servos answer one after the other.
 
-    ``listening`` are the servos that have heard the request, by id.
+    ``reads`` are address and length for each servo; ``listening`` are the servos that have heard
+    the request, by id.
     """
 
     expectation: Expectation
-    addresses: tuple[int, ...]
+    reads: tuple[tuple[int, int], ...]
     listening: dict[int, Servo]
     byte_ns: int
     turn: int = 0
@@ -162,6 +163,7 @@ class Wire:
         self._noise = BitErrors(Random(f"{seed}/noise"))
         self._jammer = JammerStream(Random(f"{seed}/jammer"))
         self._conditions = Conditions()
+        self._mute: set[int | None] = set()  # positions that do not answer
         self._positions = {servo: position for position, servo in enumerate(self.servos)}
         self._power_lost_ns: dict[int, int] = {}
         self._power_checked_ns = 0
@@ -263,6 +265,7 @@ class Wire:
                 other change, where a cable or a switch gives zeros of its own.
         """
         before, self._conditions = self._conditions, conditions
+        self._mute = {*conditions.silent, *conditions.rhythmic, *conditions.permanent}
         near, powered = self._chain.near, self._chain.powered
         self._chain.set(conditions.open_cables, supplied=conditions.powered)
         connected = conditions.open_cables != before.open_cables
@@ -401,9 +404,9 @@ class Wire:
         plan = _group_plan(packet)
         if plan is None:
             return
-        expectation, addresses = plan
+        expectation, reads = plan
         by_id = {servo.id: servo for servo in listening}
-        group = _Group(expectation, addresses, by_id, _byte_ns(heard.baud_rate))
+        group = _Group(expectation, reads, by_id, _byte_ns(heard.baud_rate))
         servo = by_id.get(expectation.ids[0])
         if servo is not None:
             start_ns = heard.end_ns + PROCESSING_NS + servo.return_delay_ns
@@ -414,8 +417,8 @@ class Wire:
         if servo.status_return_level < 1:
             return
         expectation, turn = group.expectation, group.turn
-        length = expectation.data_lengths[turn]
-        error, data = servo.read(group.addresses[turn], length, at_ns)
+        address, length = group.reads[turn]
+        error, data = servo.read(address, length, at_ns)
         if not expectation.fast:
             status = StatusPacket(servo.id, error, data).encode()
             self._send(servo, start_ns, group.byte_ns, status, group)
@@ -433,11 +436,7 @@ class Wire:
         self, servo: Servo, start_ns: int, byte_ns: int, data: bytes, group: _Group | None
     ) -> None:
         position, conditions = self._positions[servo], self._conditions
-        if (
-            position in conditions.silent
-            or position in conditions.rhythmic
-            or position in conditions.permanent
-        ):
+        if position in self._mute:
             return
         if conditions.extra_delay_ns:
             extra = conditions.extra_delay_ns.get(position, 0)
@@ -519,7 +518,7 @@ class Wire:
             if self._random.random() < jammed_share(sending.start_ns - self._host_end_ns):
                 hit = self._random.randrange(len(data))
                 data = data[:hit] + self._jammer.take(len(data) - hit)
-        if self._jammers(conditions.rhythmic):
+        if conditions.rhythmic and self._jammers(conditions.rhythmic):
             data += b"\0"
         self._receive(at_ns, data)
 
@@ -627,15 +626,19 @@ class Wire:
 
 
 @lru_cache(maxsize=256)
-def _group_plan(packet: InstructionPacket) -> tuple[Expectation, tuple[int, ...]] | None:
-    """Who answers a sync or bulk read, and from which addresses; None if it is malformed."""
+def _group_plan(
+    packet: InstructionPacket,
+) -> tuple[Expectation, tuple[tuple[int, int], ...]] | None:
+    """Who answers a sync or bulk read, with (address, length) for each; None if malformed."""
     expectation = expect(packet.encode())
     if not expectation.ids:
         return None
     parameters = packet.parameters
     if packet.instruction in (Instruction.SYNC_READ, Instruction.FAST_SYNC_READ):
-        return expectation, (_word(parameters),) * len(expectation.ids)
-    return expectation, tuple(_word(parameters[i + 1 :]) for i in range(0, len(parameters), 5))
+        addresses = [_word(parameters)] * len(expectation.ids)
+    else:
+        addresses = [_word(parameters[i + 1 :]) for i in range(0, len(parameters), 5)]
+    return expectation, tuple(zip(addresses, expectation.data_lengths, strict=True))
 
 
 @lru_cache(maxsize=64)

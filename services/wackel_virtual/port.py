@@ -1,0 +1,201 @@
+"""Serial ports for virtual buses: pseudo-terminals, paced in real time by one thread.
+
+Any software opens the path of a bus as its serial port. Bytes leave it when the wire would have
+delivered them; the baud rate is the one that the client has set on the terminal.
+"""
+
+import ctypes
+import os
+import queue
+import select
+import struct
+import threading
+import time
+import tty
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from fcntl import ioctl
+from pathlib import Path
+from typing import TypeVar
+
+from wackel_node.config import ConfigError
+from wackel_virtual.bus import VirtualBus
+
+T = TypeVar("T")
+
+_TCGETS2 = 0x802C542A
+"""Linux: termios2, which unlike termios holds any baud rate as a number."""
+_TERMIOS2 = struct.Struct("4I B 19s 2I")
+_PR_SET_TIMERSLACK = 29
+_READ_BYTES = 65536
+
+
+class Terminal:
+    """A pseudo-terminal behind a path that stays the same when it is unplugged and plugged again.
+
+    Raises:
+        ConfigError: The path cannot be made, or something else than a terminal's link is there.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.master = -1
+        self._slave = -1
+        self.plug()
+
+    @property
+    def plugged(self) -> bool:
+        """Whether the path leads anywhere."""
+        return self.master >= 0
+
+    def plug(self) -> None:
+        """Make a new terminal at the path."""
+        if os.path.lexists(self.path) and not self._is_ours():
+            raise ConfigError(f"{self.path}: exists and is no virtual port; choose another path")
+        self.master, self._slave = os.openpty()
+        # The slave stays open here, so that settings and data outlive a client that closes it.
+        tty.setraw(self._slave)
+        os.set_blocking(self.master, False)
+        # A client sees either the old link or the new one, never none.
+        fresh = self.path.with_name(f".{self.path.name}.{os.getpid()}")
+        try:
+            fresh.unlink(missing_ok=True)
+            fresh.symlink_to(os.ttyname(self._slave))
+            fresh.replace(self.path)
+        except OSError as error:
+            self._close()
+            raise ConfigError(f"{self.path}: cannot be made: {error.strerror}") from error
+
+    def unplug(self) -> None:
+        """Take the terminal away: the path is gone, and a client that has it open gets an error."""
+        if self.plugged:
+            if self._is_ours() and str(self.path.readlink()) == os.ttyname(self._slave):
+                self.path.unlink()
+            self._close()
+
+    def baud_rate(self) -> int:
+        """What the client has set, bit/s."""
+        settings = ioctl(self._slave, _TCGETS2, bytes(_TERMIOS2.size))
+        return int(_TERMIOS2.unpack(settings)[-1])
+
+    def read(self) -> bytes:
+        """What the client has written; may be empty."""
+        try:
+            return os.read(self.master, _READ_BYTES)
+        except BlockingIOError:
+            return b""
+
+    def write(self, data: bytes) -> None:
+        """Give to the client; what does not fit its buffer is lost, as in a serial driver."""
+        with suppress(BlockingIOError):
+            os.write(self.master, data)
+
+    def _is_ours(self) -> bool:
+        return self.path.is_symlink() and self.path.readlink().parent == Path("/dev/pts")
+
+    def _close(self) -> None:
+        os.close(self.master)
+        os.close(self._slave)
+        self.master = self._slave = -1
+
+
+class Ports:
+    """Runs buses on terminals in a thread of its own, from ``with`` on.
+
+    Args:
+        buses: Each with the path of its port, by name.
+
+    Raises:
+        ConfigError: A port cannot be made.
+    """
+
+    def __init__(self, buses: Mapping[str, tuple[VirtualBus, Path]]) -> None:
+        self._buses = {name: bus for name, (bus, _) in buses.items()}
+        self._terminals: dict[str, Terminal] = {}
+        try:
+            for name, (_, path) in buses.items():
+                self._terminals[name] = Terminal(path)
+        except ConfigError:
+            self._unplug_all()
+            raise
+        self._calls: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._wake_out, self._wake_in = os.pipe()
+        self._thread = threading.Thread(target=self._run, name="virtual-wire")
+
+    def __enter__(self) -> "Ports":
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._submit(None)
+        self._thread.join()
+        self._unplug_all()
+        os.close(self._wake_out)
+        os.close(self._wake_in)
+
+    def call(self, function: Callable[[Mapping[str, VirtualBus]], T]) -> T:
+        """``function(buses by name)``, run between two events of the wire; its errors come back."""
+        done: queue.SimpleQueue[tuple[T | None, Exception | None]] = queue.SimpleQueue()
+
+        def run() -> None:
+            try:
+                done.put((function(self._buses), None))
+            except Exception as error:  # whatever it is belongs to the caller
+                done.put((None, error))
+
+        self._submit(run)
+        result, error = done.get()
+        if error is not None:
+            raise error
+        return result  # type: ignore[return-value]
+
+    def _submit(self, call: Callable[[], None] | None) -> None:
+        self._calls.put(call)
+        os.write(self._wake_in, b"\0")
+
+    def _unplug_all(self) -> None:
+        for terminal in self._terminals.values():
+            terminal.unplug()
+
+    def _run(self) -> None:
+        _be_punctual()
+        origin_ns = time.monotonic_ns()
+        lines = [(self._terminals[name], bus) for name, bus in self._buses.items()]
+        while True:
+            due = [at for _, bus in lines if (at := bus.next_ns()) is not None]
+            wait_s = None
+            if due:
+                wait_s = max(0.0, (min(due) - (time.monotonic_ns() - origin_ns)) / 1e9)
+            watched = [terminal.master for terminal, _ in lines if terminal.plugged]
+            readable, _, _ = select.select([self._wake_out, *watched], [], [], wait_s)
+            now_ns = time.monotonic_ns() - origin_ns
+            if self._wake_out in readable and not self._run_calls(now_ns):
+                return
+            for terminal, bus in lines:
+                if terminal.master in readable:
+                    data = terminal.read()
+                    if data:
+                        bus.transmit(now_ns, data, terminal.baud_rate())
+                chunks = bus.deliveries(now_ns)
+                if chunks and terminal.plugged:
+                    terminal.write(b"".join(data for _, data in chunks))
+                if bus.plugged != terminal.plugged:
+                    (terminal.plug if bus.plugged else terminal.unplug)()
+
+    def _run_calls(self, now_ns: int) -> bool:
+        """Run what was submitted; False at the end."""
+        os.read(self._wake_out, _READ_BYTES)
+        for bus in self._buses.values():
+            bus.advance(now_ns)
+        while not self._calls.empty():
+            call = self._calls.get()
+            if call is None:
+                return False
+            call()
+        return True
+
+
+def _be_punctual() -> None:
+    """Have the kernel wake this thread when asked, not up to 50 µs later (its usual slack)."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    libc.prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(1), 0, 0, 0)
