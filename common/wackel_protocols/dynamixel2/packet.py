@@ -199,12 +199,13 @@ def decode(data: bytes) -> Packet:
 
 def content(frame: bytes) -> Packet:
     """What a frame says whose header, id, length and CRC have been found right."""
-    if frame[7] != _STATUS:
-        return InstructionPacket(frame[4], frame[7], unstuff(frame[8:-2]))
-    parameters = frame[9:-2]
-    return StatusPacket(
-        frame[4], frame[8], parameters if frame[4] == BROADCAST_ID else unstuff(parameters)
-    )
+    servo_id, body = frame[4], frame[7:-2]
+    if body[0] != _STATUS:
+        return InstructionPacket(servo_id, body[0], unstuff(body)[1:])
+    if servo_id != BROADCAST_ID:
+        # Together with the error byte: FF there may be the first of a stuffed FF FF FD.
+        body = unstuff(body)
+    return StatusPacket(servo_id, body[1], body[2:])
 
 
 def _frame(servo_id: int, body: bytes) -> bytes:
