@@ -30,7 +30,7 @@ class VirtualBus(Wire):
     def __init__(
         self,
         config: BusConfig,
-        seed: int = 0,
+        seed: int | str = 0,
         *,
         latency_ms: int = 0,
         loss: float = 0.0,

@@ -10,6 +10,7 @@ from typing import Literal
 
 import msgspec
 
+from wackel_node.errors import USAGE, Explained
 from wackel_schemas.virtual import Injection
 
 Place = Literal["bus", "servo", "cable", "bus or servo"]
@@ -19,8 +20,10 @@ OVERLOAD = 1 << 5
 OVERHEATING = 1 << 2
 
 
-class InjectionError(ValueError):
+class InjectionError(Explained, ValueError):
     """A fault that cannot be injected; the text is one line that says what is allowed."""
+
+    exit_code = USAGE
 
 
 @dataclass(frozen=True)

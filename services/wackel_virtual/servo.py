@@ -9,10 +9,12 @@ from random import Random
 
 from wackel_node.config import ConfigError, ServoConfig
 from wackel_protocols.dynamixel2.control_table import (
+    Model,
     Register,
     UnknownModel,
     baud_rate,
     baud_rate_register,
+    generic,
     model,
 )
 from wackel_protocols.dynamixel2.packet import (
@@ -94,10 +96,7 @@ class Servo:
         return_delay_us: int | None = None,
         firmware: int | None = None,
     ) -> None:
-        try:
-            self._model = model(config.model)
-        except UnknownModel as error:
-            raise ConfigError(f"servo {config.id}: {error}") from error
+        self._model = _model_of(config)
         self._random = random
         self._registers = self._model.registers
         self._firmware = FIRMWARE if firmware is None else firmware
@@ -603,6 +602,16 @@ class Servo:
             "present_temperature": lambda at_ns: round(motion.warm(at_ns)),
         }
         return [(registers[name], measure) for name, measure in table.items() if name in registers]
+
+
+def _model_of(config: ServoConfig) -> Model:
+    """The model, or the stand-in of its series where only that is given."""
+    if config.model in tuple(Series):
+        return generic(Series(config.model))
+    try:
+        return model(config.model)
+    except UnknownModel as error:
+        raise ConfigError(f"servo {config.id}: {error}") from error
 
 
 def _baud_rate_value(bits_per_second: int, register: Register, config: ServoConfig) -> int:

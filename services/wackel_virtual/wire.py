@@ -133,7 +133,7 @@ class Wire:
     def __init__(
         self,
         config: BusConfig,
-        seed: int = 0,
+        seed: int | str = 0,
         *,
         latency_ms: int = 0,
         loss: float = 0.0,

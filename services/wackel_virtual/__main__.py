@@ -1,0 +1,225 @@
+"""``wackel virtual``: a virtual robot on real serial ports, and faults at will."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from wackel_node import log
+from wackel_node.arguments import add_config, config_of
+from wackel_node.errors import FAILED, OK
+
+if TYPE_CHECKING:
+    from wackel_schemas.virtual import Injection
+
+_RUN = """\
+Runs a virtual robot: every bus of robot.toml as a pseudo-terminal at its port's path, with servos
+that answer as real ones do, in real time. Any Dynamixel software can open it. Without robot.toml
+there are 12 XM430-W210 with the ids 1 to 12 at 1 Mbit/s on ./wackel-bus.
+
+While it runs, from another terminal:
+  wackel virtual inject KIND ...   break something
+  wackel virtual heal [KIND] ...   repair it
+  wackel virtual list              what is broken now
+  wackel virtual kinds             everything that can break
+Each of them explains itself with --help.
+"""
+_RUN_EXAMPLES = """\
+examples:
+  wackel virtual
+  wackel virtual --config robot.toml --seed 3
+  wackel virtual --scenario broken-cable.toml
+  wackel virtual --no-zenoh      only the ports, for other software
+"""
+_INJECT_EXAMPLES = """\
+examples:
+  wackel virtual inject break --servo 5
+  wackel virtual inject loose_contact --servo 5 --value 8 --for 20
+  wackel virtual inject noise --value 1e-5
+"""
+
+
+def main(argv: list[str]) -> int:
+    """Runs the command; returns its exit code."""
+    match argv:
+        case ["inject", *rest]:
+            return _inject(rest)
+        case ["heal", *rest]:
+            return _heal(rest)
+        case ["list", *rest]:
+            return _list(rest)
+        case ["kinds", *rest]:
+            return _kinds(rest)
+    return _run(argv)
+
+
+def _run(argv: list[str]) -> int:
+    parser = argparse.ArgumentParser(
+        prog="wackel virtual",
+        description=_RUN,
+        epilog=_RUN_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_config(parser)
+    parser.add_argument(
+        "--scenario", metavar="FILE", type=Path, help="a robot, and what goes wrong with it when"
+    )
+    parser.add_argument(
+        "--seed", type=int, help="of everything random (default: that of the scenario, else 0)"
+    )
+    parser.add_argument(
+        "--no-zenoh", action="store_true", help="do not listen for inject, heal and list"
+    )
+    arguments = parser.parse_args(argv)
+    if arguments.config is not None and arguments.scenario is not None:
+        parser.error("--config and --scenario exclude each other; a scenario names its robot")
+    log.set_up("virtual")
+
+    import msgspec
+
+    from wackel_virtual.scenario import load_scenario, of_robot
+    from wackel_virtual.service import run, run_alone
+
+    if arguments.scenario is not None:
+        scenario = load_scenario(arguments.scenario)
+    else:
+        scenario = of_robot(config_of(arguments))
+    if arguments.seed is not None:
+        scenario = msgspec.structs.replace(scenario, seed=arguments.seed)
+    (run_alone if arguments.no_zenoh else run)(scenario)
+    return OK
+
+
+def _inject(argv: list[str]) -> int:
+    from wackel_schemas.virtual import Injection
+    from wackel_virtual.faults import KINDS
+
+    parser = argparse.ArgumentParser(
+        prog="wackel virtual inject",
+        description="Makes a fault on the running virtual robot. `wackel virtual kinds` explains "
+        "what each KIND does and what its value means.",
+        epilog=_INJECT_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("kind", metavar="KIND", choices=KINDS, help=", ".join(KINDS))
+    _add_place(parser)
+    parser.add_argument("--value", metavar="X", type=float, help="its strength, by kind")
+    parser.add_argument(
+        "--after", metavar="S", type=float, default=0.0, help="begin so many seconds from now"
+    )
+    parser.add_argument(
+        "--for",
+        metavar="S",
+        type=float,
+        dest="duration_s",
+        help="end after so many seconds (default: when healed)",
+    )
+    arguments = _parsed(parser, argv)
+    injection = Injection(
+        kind=arguments.kind,
+        bus=arguments.bus,
+        servo=arguments.servo,
+        value=arguments.value,
+        start_s=arguments.after,
+        duration_s=arguments.duration_s,
+    )
+    return _ask("inject", injection, arguments)
+
+
+def _heal(argv: list[str]) -> int:
+    from wackel_schemas.virtual import Injection
+    from wackel_virtual.faults import KINDS
+
+    parser = argparse.ArgumentParser(
+        prog="wackel virtual heal",
+        description="Repairs the running virtual robot: all faults, or only those of a kind, a bus "
+        "or a servo. An alert that a servo has raised stays until the servo is rebooted.",
+    )
+    parser.add_argument(
+        "kind", metavar="KIND", nargs="?", default="", choices=["", *KINDS], help="only this kind"
+    )
+    _add_place(parser)
+    arguments = _parsed(parser, argv)
+    wanted = Injection(kind=arguments.kind, bus=arguments.bus, servo=arguments.servo)
+    return _ask("heal", wanted, arguments)
+
+
+def _list(argv: list[str]) -> int:
+    parser = argparse.ArgumentParser(
+        prog="wackel virtual list", description="Lists the faults that are active now."
+    )
+    return _ask("list", None, _parsed(parser, argv))
+
+
+def _kinds(argv: list[str]) -> int:
+    from wackel_virtual.faults import KINDS
+
+    parser = argparse.ArgumentParser(
+        prog="wackel virtual kinds", description="Explains every kind of fault."
+    )
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    if parser.parse_args(argv).json:
+        import msgspec
+
+        print(msgspec.json.format(msgspec.json.encode(KINDS), indent=2).decode())
+        return OK
+
+    import textwrap
+
+    places = {
+        "bus": "",
+        "servo": " --servo N",
+        "cable": " --servo N",
+        "bus or servo": " [--servo N]",
+    }
+    for name, kind in KINDS.items():
+        print(f"{name}{places[kind.place]}{' [--value X]' if kind.value else ''}")
+        text = kind.text
+        if kind.default is not None:
+            text += f" X: {kind.value}, {kind.least:g} to {kind.most:g}, else {kind.default:g}."
+        print(textwrap.fill(text, 80, initial_indent="    ", subsequent_indent="    "))
+    return OK
+
+
+def _add_place(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--bus", metavar="B", default="", help="which bus, if there are several")
+    parser.add_argument(
+        "--servo", metavar="N", type=int, help="id of the servo; of a cable, the one it leads to"
+    )
+
+
+def _parsed(parser: argparse.ArgumentParser, argv: list[str]) -> argparse.Namespace:
+    add_config(parser)
+    parser.add_argument("--json", action="store_true", help="print the answer as JSON")
+    return parser.parse_args(argv)
+
+
+def _ask(
+    operation: Literal["inject", "heal", "list"],
+    injection: "Injection | None",
+    arguments: argparse.Namespace,
+) -> int:
+    import msgspec
+
+    from wackel_node.link import Link, NotReached
+    from wackel_schemas import keys
+    from wackel_schemas.virtual import VirtualRequest
+    from wackel_virtual.service import in_words
+
+    request = VirtualRequest(operation=operation, injection=injection)
+    with Link(config_of(arguments)) as link:
+        try:
+            reply = link.ask(keys.VIRTUAL_REQUEST, request)
+        except TimeoutError as error:
+            raise NotReached("no virtual robot answers: start it with `wackel virtual`") from error
+    if arguments.json:
+        print(msgspec.json.format(msgspec.json.encode(reply), indent=2).decode())
+    else:
+        print(reply.text)
+        for fault in reply.active if operation == "list" else ():
+            print(f"  {in_words(fault)}")
+    return OK if reply.ok else FAILED
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

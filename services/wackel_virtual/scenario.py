@@ -1,0 +1,186 @@
+"""Scenario files: a virtual robot and what goes wrong with it when.
+
+::
+
+    seed = 7
+    robot = "robot.toml"   # or [buses.NAME] tables as there; neither: 12 servos at ./wackel-bus
+    loss = 0.0005          # ordinary loss, share of answers
+    latency_ms = 1         # USB latency timer
+
+    [[faults]]
+    kind = "loose_contact" # `wackel virtual kinds` lists them
+    servo = 5              # for a cable, the servo that it leads to
+    value = 8
+    start_s = 2
+    duration_s = 10
+"""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from wackel_node.config import (
+    BusConfig,
+    ConfigError,
+    Name,
+    Positive,
+    RobotConfig,
+    ServoConfig,
+    Share,
+    load,
+    parse,
+)
+from wackel_node.config_errors import first_problem
+from wackel_node.toml_text import toml_text
+from wackel_schemas.virtual import Injection
+from wackel_virtual.bus import VirtualBus
+from wackel_virtual.faults import InjectionError, checked
+
+DEFAULT_BUS = BusConfig(
+    port="wackel-bus",
+    servos=[ServoConfig(id=i) for i in range(1, 13)],
+    return_delay_us=0,
+)
+"""What runs where no configuration is given: the usual chain of a small humanoid's legs."""
+
+
+class _Fault(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
+    """An :class:`~wackel_schemas.virtual.Injection` as it stands in a file."""
+
+    kind: str
+    bus: str = ""
+    servo: int | None = None
+    value: float | None = None
+    start_s: Annotated[float, Meta(ge=0)] = 0.0
+    duration_s: Positive | None = None
+
+
+class _File(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
+    """The whole file."""
+
+    seed: int = 0
+    robot: str = ""
+    buses: dict[Name, BusConfig] = {}
+    loss: Share = 0.0
+    latency_ms: Annotated[int, Meta(ge=0, le=255)] = 0
+    faults: list[_Fault] = []
+
+
+class Scenario(msgspec.Struct, kw_only=True, frozen=True):
+    """A virtual robot and its faults, checked.
+
+    Attributes:
+        config: The robot; its buses are what is made.
+        seed: Of everything random.
+        loss: Share of answers that are lost on healthy buses.
+        latency_ms: USB latency timer of the adapters.
+        faults: Each with the name of its bus.
+    """
+
+    config: RobotConfig
+    seed: int = 0
+    loss: float = 0.0
+    latency_ms: int = 0
+    faults: list[Injection] = []
+
+    def make(self) -> dict[str, VirtualBus]:
+        """The buses by name, faults scheduled.
+
+        Raises:
+            ConfigError: A servo of a model that is not known.
+        """
+        buses = {}
+        for name, bus in self.config.buses.items():
+            try:
+                # Buses of one robot must not share their randomness.
+                buses[name] = VirtualBus(
+                    bus, f"{self.seed}/{name}", latency_ms=self.latency_ms, loss=self.loss
+                )
+            except ConfigError as error:
+                raise ConfigError(f"buses.{name}: {error}") from error
+        for fault in self.faults:
+            buses[fault.bus].inject(fault)
+        return buses
+
+
+def of_robot(config: RobotConfig, seed: int = 0) -> Scenario:
+    """A healthy robot; one without buses gets :data:`DEFAULT_BUS`."""
+    if not config.buses:
+        config = msgspec.structs.replace(config, buses={"main": DEFAULT_BUS})
+    return Scenario(config=config, seed=seed)
+
+
+def load_scenario(path: Path) -> Scenario:
+    """Reads and checks a file.
+
+    Raises:
+        ConfigError: One line: file, key, what stands there and what is allowed.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from error
+    return parse_scenario(text, path)
+
+
+def parse_scenario(text: str, path: Path = Path("scenario.toml")) -> Scenario:
+    """Checks the text of a file; ``path`` is how errors call it and where ``robot`` starts from.
+
+    Raises:
+        ConfigError: As :func:`load_scenario`.
+    """
+    try:
+        tree = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: not TOML: {error}") from error
+    problem = first_problem(tree, _File)
+    if problem:
+        raise ConfigError(f"{path}: {problem}")
+    file = msgspec.convert(tree, _File)
+    if file.robot and file.buses:
+        raise ConfigError(f"{path}: robot and buses exclude each other; leave out one")
+    if file.robot:
+        config = load(path.parent / file.robot)
+    else:
+        # Checked as in a robot.toml, so that it has the same rules.
+        config = parse(toml_text({"buses": tree.get("buses", {})}), str(path))
+    robot = of_robot(config)
+    return Scenario(
+        config=robot.config,
+        seed=file.seed,
+        loss=file.loss,
+        latency_ms=file.latency_ms,
+        faults=[
+            _placed(fault, robot.config, f"{path}: faults[{i}]")
+            for i, fault in enumerate(file.faults)
+        ],
+    )
+
+
+def bus_of(injection: Injection, config: RobotConfig) -> str:
+    """The bus that an injection concerns: the one it names, or the only one.
+
+    Raises:
+        InjectionError: There is no such bus, or several and none is named.
+    """
+    known = ", ".join(config.buses)
+    if injection.bus:
+        if injection.bus not in config.buses:
+            raise InjectionError(f"there is no bus {injection.bus!r}; there are {known}")
+        return injection.bus
+    if len(config.buses) != 1:
+        raise InjectionError(f"name the bus; there are {known}")
+    return next(iter(config.buses))
+
+
+def _placed(fault: _Fault, config: RobotConfig, where: str) -> Injection:
+    injection = Injection(**msgspec.structs.asdict(fault))
+    try:
+        name = bus_of(injection, config)
+        injection = checked(injection, config.buses[name].ids())
+    except InjectionError as error:
+        raise ConfigError(f"{where}: {error}") from error
+    return msgspec.structs.replace(injection, bus=name)
