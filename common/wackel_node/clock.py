@@ -4,8 +4,21 @@ Only the shells of services use it; cores get their time from messages.
 """
 
 import time
+from typing import NamedTuple
 
 _STEP_NS = 100_000_000  # a wall clock that moved this far was set, not disciplined
+
+
+class Instant(NamedTuple):
+    """One moment on both clocks: durations come from the first, stamps from the second.
+
+    Attributes:
+        monotonic_ns: ns since an arbitrary start; never set, never jumps.
+        utc_ns: UTC, ns since 1970.
+    """
+
+    monotonic_ns: int
+    utc_ns: int
 
 
 class Clock:
@@ -21,6 +34,11 @@ class Clock:
     def now_ns(self) -> int:
         """UTC, ns since 1970."""
         return time.monotonic_ns() + self._offset_ns
+
+    def instant(self) -> Instant:
+        """Now, on both clocks."""
+        now_ns = time.monotonic_ns()
+        return Instant(now_ns, now_ns + self._offset_ns)
 
     def stamp_ns(self, monotonic_ns: int) -> int:
         """UTC of a reading of ``time.monotonic_ns()``."""

@@ -237,6 +237,7 @@ FAULT_CODES: dict[str, FaultCode] = {
         "{component} misses messages: the computer or the network is overloaded.",
         "Take load off the computer, or lower the rate of the buses.",
         "warning",
+        debounce_s=1.0,  # one burst lost, as when a service starts, is no overload
         heal_s=5.0,
     ),
 }

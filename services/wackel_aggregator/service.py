@@ -1,0 +1,76 @@
+"""Wires topics, clock and state file to the core."""
+
+import os
+from pathlib import Path
+
+from wackel_aggregator.core import Aggregator
+from wackel_aggregator.store import Store
+from wackel_node.config import RobotConfig
+from wackel_node.node import Node
+from wackel_schemas import keys
+from wackel_schemas.fault import FaultReport
+from wackel_schemas.health import HealthReply, HealthRequest, Heartbeat
+
+# Added to the 1.25 s after which a heartbeat is late, a hung service shows within 1.5 s.
+_LOOK_S = 0.25
+_COMMIT_S = 1.0
+
+
+def needed_services(config: RobotConfig) -> list[str]:
+    """The services without which nothing is known of the robot."""
+    gateways = [f"gateway/{bus}" for bus in config.buses]
+    return [*gateways, "classifier/main"] if gateways else []
+
+
+def state_directory(config: RobotConfig) -> Path:
+    """Where the state file goes."""
+    if config.state_directory:
+        return Path(config.state_directory)
+    home = os.environ.get("XDG_STATE_HOME")
+    return (Path(home) if home else Path.home() / ".local/state") / "wackel"
+
+
+def run(config: RobotConfig) -> None:
+    """Runs the service until a signal ends it.
+
+    Raises:
+        Taken: Another aggregator of this robot is running.
+    """
+    with (
+        Store(state_directory(config), config.robot) as store,
+        Node("aggregator", "main", config) as node,
+    ):
+        clock = node.clock
+        core = Aggregator(needed_services(config), store.load(), clock.instant())
+        publisher = node.publisher(keys.HEALTH)
+
+        def on_fault(key: str, report: FaultReport) -> None:
+            core.report(report, keys.chunk_of(keys.FAULT, key, "source"), clock.instant())
+
+        def on_heartbeat(key: str, beat: Heartbeat) -> None:
+            core.heartbeat(key.removeprefix("alive/"), beat, clock.instant())
+
+        def on_alive(name: str, alive: bool) -> None:
+            core.alive(name, alive, clock.instant())
+
+        def on_request(request: HealthRequest) -> HealthReply:
+            return core.request(request, clock.instant())
+
+        def publish() -> None:
+            health = core.tick(clock.instant())
+            if health is None:
+                return
+            state = core.unsaved()
+            if state is not None:
+                store.prepare(state)
+            publisher.put(health)
+
+        node.watch_alive(on_alive)
+        node.subscribe(keys.ALIVE, on_heartbeat)
+        node.subscribe(keys.FAULT, on_fault)
+        node.serve(keys.HEALTH_REQUEST, on_request)
+        node.every(_COMMIT_S, store.commit)
+        node.ready()
+        while not node.stopping:
+            node.pump(_LOOK_S)
+            publish()
