@@ -11,8 +11,9 @@ packet that ends at its claimed end, at the next header or at the first byte tha
 have there, whichever is first; the rest are runs of zeros and runs of other bytes.
 
 Cost: headers cannot overlap, so at most every fourth byte begins a frame; each is checked once, by
-one CRC over at most 65 540 bytes (1.4 µs, less than the bookkeeping around it). Memory: the bytes
-of the oldest frame that may still be completed, at most 65 542 of them and the chunk.
+one CRC over at most 65 540 bytes, which takes a few µs. The worst of streams, headers and nothing
+else that claim as much as they can, still passes at 1 MB/s (measured), twice the fastest bus.
+Memory: the bytes of the oldest frame that may still be completed, at most 65 542, and the chunk.
 """
 
 import re
@@ -20,7 +21,6 @@ from collections import deque
 from dataclasses import dataclass
 from enum import IntEnum
 from heapq import heappop, heappush
-from typing import NamedTuple
 
 from fastcrc.crc16 import umts
 
@@ -73,16 +73,9 @@ class Segment:
     id: int | None = None
 
 
-class _Frame(NamedTuple):
-    """A header and what it claims.
-
-    ``end`` is where its bytes end if ``possible``, else the first byte that no packet can have.
-    """
-
-    start: int
-    end: int
-    possible: bool
-
+_Frame = tuple[int, int, bool]
+"""A header: its start; where the bytes that it claims end, if it is possible, or else the first
+byte that no packet can have there; whether it is possible."""
 
 _RUNS = re.compile(rb"\x00+|[^\x00]+")
 _ILLEGAL = re.compile(rb"\xff\xff\xfd(?!\xfd)")
@@ -139,7 +132,7 @@ class Scanner:
                 segments.append(Segment(_PACKET, start, end, packet, None, packet.id))
                 self._done = end
                 self._searched = max(self._searched, end)
-                while frames and frames[0].start < end:
+                while frames and frames[0][0] < end:
                     frames.popleft()
         self._settle(available, segments, final=final)
         if final:
@@ -158,8 +151,8 @@ class Scanner:
                 return
             frame = self._judge(base + found)
             self._frames.append(frame)
-            if frame.possible:
-                heappush(self._waiting, (frame.end, frame.start))
+            if frame[2]:
+                heappush(self._waiting, (frame[1], frame[0]))
             position = found + len(HEADER)
         unsearched = available if final else available - len(HEADER) + 1
         self._searched = max(base + position, unsearched)
@@ -168,13 +161,13 @@ class Scanner:
         buffer, at = self._buffer, start - self._base
         known = len(buffer) - at
         if known > 4 and buffer[at + 4] in _IMPOSSIBLE_IDS:
-            return _Frame(start, start + 4, False)
+            return start, start + 4, False
         if known < PREFIX_BYTES:
-            return _Frame(start, _UNKNOWN_END, True)
+            return start, _UNKNOWN_END, True
         length = buffer[at + 5] | buffer[at + 6] << 8
         if length < 3 or (length == 3 and known > 7 and buffer[at + 7] == _STATUS):
-            return _Frame(start, start + 5, False)
-        return _Frame(start, start + PREFIX_BYTES + length, True)
+            return start, start + 5, False
+        return start, start + PREFIX_BYTES + length, True
 
     def _settle(self, limit: int, segments: list[Segment], *, final: bool) -> None:
         """Account for the bytes before ``limit``, which are in no valid packet.
@@ -182,27 +175,28 @@ class Scanner:
         Unless ``final``, bytes stay unaccounted that belong to a frame that may be completed.
         """
         frames = self._frames
-        while frames and frames[0].start < limit:
-            frame = frames[0]
-            self._extend_runs(frame.start, segments)
-            if frame.possible and not final and frame.end > self._searched:
+        while frames and frames[0][0] < limit:
+            start, claimed_end, possible = frames[0]
+            self._extend_runs(start, segments)
+            if possible and not final and claimed_end > self._searched:
                 return
             frames.popleft()
             self._close_run(segments)
-            end = min(frame.end, frames[0].start if frames else limit, limit)
-            segments.append(self._damaged(frame, end))
+            end = min(claimed_end, frames[0][0] if frames else limit, limit)
+            whole = possible and end == claimed_end
+            segments.append(self._damaged(start, end, whole=whole))
             self._done = end
         self._extend_runs(limit if final else min(limit, self._searched), segments)
 
-    def _damaged(self, frame: _Frame, end: int) -> Segment:
-        raw = self._buffer[frame.start - self._base : end - self._base]
+    def _damaged(self, start: int, end: int, *, whole: bool) -> Segment:
+        raw = self._buffer[start - self._base : end - self._base]
         servo_id = raw[4] if len(raw) > 4 else None
-        if not frame.possible or end < frame.end:
-            return Segment(Kind.TRUNCATED, frame.start, end, None, end, servo_id)
-        fast = raw[4] == BROADCAST_ID and raw[7] == Instruction.STATUS
+        if not whole:
+            return Segment(Kind.TRUNCATED, start, end, None, end, servo_id)
+        fast = servo_id == BROADCAST_ID and raw[7] == _STATUS
         illegal = None if fast else _ILLEGAL.search(raw, PREFIX_BYTES, len(raw) - 2)
-        damage = None if illegal is None else frame.start + illegal.end()
-        return Segment(Kind.BAD_CRC, frame.start, end, None, damage, servo_id)
+        damage = None if illegal is None else start + illegal.end()
+        return Segment(Kind.BAD_CRC, start, end, None, damage, servo_id)
 
     def _extend_runs(self, end: int, segments: list[Segment]) -> None:
         base = self._base
