@@ -18,8 +18,8 @@ from wackel_schemas.message import Message
 
 START_NS = 1_700_000_000_000_000_000
 CONFIG = 'robot = "testbot"\n'
-CHUNKS = 6
-PER_CHUNK = 5
+CHUNKS = 3
+PER_CHUNK = 4
 
 
 def about(session: str = "a", started_ns: int = START_NS) -> About:

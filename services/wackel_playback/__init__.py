@@ -1,0 +1,1 @@
+"""Playback: a recording in the gateway's place."""
