@@ -26,6 +26,31 @@ instruction_packets = st.builds(
 packets = status_packets | instruction_packets
 
 
+class Wire:
+    """A port for the vendor's packet handler: keeps what it writes, gives what it shall read."""
+
+    is_using = False
+
+    def __init__(self, to_read: bytes = b"") -> None:
+        self.written = b""
+        self._to_read = list(to_read)
+
+    def clearPort(self) -> None: ...
+
+    def writePort(self, data: list[int]) -> int:
+        self.written += bytes(data)
+        return len(data)
+
+    def readPort(self, length: int) -> list[int]:
+        taken, self._to_read = self._to_read[:length], self._to_read[length:]
+        return taken
+
+    def setPacketTimeout(self, length: int) -> None: ...
+
+    def isPacketTimeout(self) -> bool:
+        return not self._to_read
+
+
 def vectors() -> list[dict[str, Any]]:
     """The published packets; skips where they are absent."""
     if not VECTORS.exists():

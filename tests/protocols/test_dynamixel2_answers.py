@@ -3,8 +3,7 @@ from dynamixel_sdk import GroupSyncRead, PacketHandler
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.protocols.material import assert_tiles, nasty_bytes
-from tests.protocols.test_dynamixel2_packet import Wire
+from tests.protocols.material import Wire, assert_tiles, nasty_bytes
 from wackel_protocols.dynamixel2 import (
     AnswerReader,
     Answers,

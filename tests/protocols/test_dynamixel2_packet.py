@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.protocols.material import (
+    Wire,
     bitwise_crc,
     ids,
     instruction_packets,
@@ -28,31 +29,6 @@ from wackel_protocols.dynamixel2.packet import (
 from wackel_protocols.dynamixel2.stuffing import stuff, unstuff
 
 PING = bytes.fromhex("fffffd0001030001194e")
-
-
-class Wire:
-    """A port for the vendor's packet handler: keeps what it writes, gives what it shall read."""
-
-    is_using = False
-
-    def __init__(self, to_read: bytes = b"") -> None:
-        self.written = b""
-        self._to_read = list(to_read)
-
-    def clearPort(self) -> None: ...
-
-    def writePort(self, data: list[int]) -> int:
-        self.written += bytes(data)
-        return len(data)
-
-    def readPort(self, length: int) -> list[int]:
-        taken, self._to_read = self._to_read[:length], self._to_read[length:]
-        return taken
-
-    def setPacketTimeout(self, length: int) -> None: ...
-
-    def isPacketTimeout(self) -> bool:
-        return not self._to_read
 
 
 vendor = PacketHandler(2.0)
