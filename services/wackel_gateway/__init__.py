@@ -1,0 +1,7 @@
+"""The gateway: owns one servo bus, passes on every byte with its time, decodes what servos say.
+
+Three ways to own it: :mod:`.poll` (master), :mod:`.proxy` (the user's software is the master and
+talks through us) and :mod:`.tap` (listens only). Pure: :mod:`.schedule` and :mod:`.roster` (what to
+ask), :mod:`.patience` (how long to wait), :mod:`.commands`, :mod:`.decode`, :mod:`.segment`,
+:mod:`.statistics`. Shells: :mod:`.port`, :mod:`.exchange`, :mod:`.forward`, :mod:`.management`.
+"""

@@ -1,0 +1,182 @@
+"""One transaction on a port: send, wait without spinning, read in bursts.
+
+A read costs as much as decoding a servo, so there are few: wait for the first bytes, which give the
+response time, then sleep for as long as the missing bytes take on the wire and take the rest at
+once. (A poll that wakes only when enough bytes are there exists, by VMIN, but it needs a
+``tcsetattr`` for each transaction, which USB adapters turn into control transfers.)
+
+Sending and gathering are two calls, so that the caller can use the time on the wire.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import monotonic_ns, sleep
+
+from wackel_gateway.outcome import Outcome, unsolicited
+from wackel_gateway.patience import Patience
+from wackel_gateway.port import Port, PortLost
+from wackel_protocols.dynamixel2.answers import AnswerReader, Answers, reader
+from wackel_schemas.bus import Purpose
+
+_INTERRUPTIBLE_NS = 200_000_000  # a signal is noticed within this time
+_RECHECK_NS = 500_000  # enough bytes but not the right ones: look again so much later
+
+
+@dataclass(slots=True)
+class _Flight:
+    purpose: Purpose
+    instruction: bytes
+    reader: AnswerReader
+    begin_ns: int
+    sent_ns: int
+    deadline_ns: int
+
+
+class Exchange:
+    """The master's side of a bus.
+
+    Args:
+        port: Open port.
+        patience: Time limits of this bus.
+        interrupted: Whether the process has to stop; ends a long wait.
+    """
+
+    def __init__(self, port: Port, patience: Patience, interrupted: Callable[[], bool]) -> None:
+        self.port = port
+        self.patience = patience
+        self._interrupted = interrupted
+        self._flight: _Flight | None = None
+        self._free_ns = 0  # when the last byte sent so far has left
+        self._missed: frozenset[int] = frozenset()  # by the last transaction
+        self._baud_rate = port.baud_rate
+
+    def drain(self) -> Outcome | None:
+        """What came since the last transaction ended; call before :meth:`send`."""
+        data = self.port.read()
+        if not data:
+            return None
+        late = unsolicited(monotonic_ns(), data, self._baud_rate)
+        if any(status.id in self._missed for status in late.answers.unexpected):
+            self.patience.came_late()
+        return late
+
+    def send(
+        self, purpose: Purpose, instruction: bytes, expected: AnswerReader | None = None
+    ) -> None:
+        """Sends an instruction.
+
+        Args:
+            purpose: How it is published.
+            instruction: Its bytes.
+            expected: What has to come back, where the bytes do not tell.
+
+        Raises:
+            PortLost: The port went away.
+        """
+        if expected is None:
+            expected = reader(instruction)
+        # Instructions without answer may still be on their way out.
+        begin_ns = max(monotonic_ns(), self._free_ns)
+        self.port.write(instruction)
+        sent_ns = begin_ns + self.patience.wire_ns(len(instruction))
+        deadline_ns = sent_ns + self.patience.limit_ns(expected.expectation)
+        self._free_ns = sent_ns
+        self._flight = _Flight(purpose, instruction, expected, begin_ns, sent_ns, deadline_ns)
+
+    def gather(self) -> Outcome:
+        """The outcome of what was sent last, once it is complete or time is up.
+
+        Raises:
+            PortLost: The port went away meanwhile.
+        """
+        flight = self._flight
+        assert flight is not None, "nothing was sent"
+        self._flight = None
+        chunks, answers, lag_ns, ended_ns = self._listen(flight)
+        expectation = flight.reader.expectation
+        if answers is None:
+            answers = flight.reader.read(_joined(chunks))
+        self._missed = frozenset(answers.missing)
+        if chunks and not answers.missing:
+            self.patience.completed(expectation, chunks[-1][0] - flight.sent_ns)
+        return Outcome(
+            flight.purpose,
+            flight.instruction,
+            expectation,
+            flight.begin_ns,
+            flight.sent_ns,
+            chunks,
+            answers,
+            flight.deadline_ns,
+            ended_ns,
+            lag_ns,
+            self._baud_rate,
+        )
+
+    def _listen(self, flight: _Flight) -> tuple[list[tuple[int, bytes]], Answers | None, int, int]:
+        """Chunks, answers if all of them came, longest oversleeping, end."""
+        expectation = flight.reader.expectation
+        chunks: list[tuple[int, bytes]] = []
+        if not expectation.ids and not expectation.broadcast_ping:
+            return chunks, None, 0, flight.sent_ns
+        read = self.port.read
+        deadline_ns = flight.deadline_ns
+        lag_ns = received = 0
+        data = b""
+        while True:
+            now = monotonic_ns()
+            if not data:
+                ready, late_ns = self._wait(deadline_ns - now)
+                lag_ns = max(lag_ns, late_ns)
+                now = monotonic_ns()
+                if ready:
+                    data = read()
+                    if not data:
+                        raise PortLost("it was closed from the other side")
+                    now = monotonic_ns()
+                elif now >= deadline_ns or self._interrupted():
+                    return chunks, None, lag_ns, now
+                else:
+                    continue
+            chunks.append((now, data))
+            received += len(data)
+            pause_ns = self._pause_ns(flight, received)
+            if pause_ns == 0:
+                answers = flight.reader.read(_joined(chunks))
+                if not answers.missing:
+                    return chunks, answers, lag_ns, now
+                pause_ns = _RECHECK_NS
+            pause_ns = min(pause_ns, deadline_ns - now)
+            if pause_ns > 0:
+                sleep(pause_ns / 1e9)
+                lag_ns = max(lag_ns, monotonic_ns() - now - pause_ns)
+            data = read()
+
+    def _pause_ns(self, flight: _Flight, received: int) -> int:
+        """How long the missing bytes take; 0 if it is time to look whether all is there."""
+        expectation = flight.reader.expectation
+        if expectation.broadcast_ping:
+            return _RECHECK_NS
+        missing = expectation.total_bytes - received
+        if missing <= 0:
+            return 0
+        # A servo that refuses sends no data, so its answer is shorter by just these.
+        data_length = expectation.data_lengths[0]
+        if data_length and missing % data_length == 0:
+            return 0
+        answers_to_come = missing // expectation.lengths[0]
+        return int(
+            missing * self.patience.byte_ns + answers_to_come * self.patience.gap_ns(expectation)
+        )
+
+    def _wait(self, limit_ns: int) -> tuple[bool, int]:
+        """Whether bytes came within the limit, and by how much the wait was longer than asked."""
+        asked_ms = max(0, -(-min(limit_ns, _INTERRUPTIBLE_NS) // 1_000_000))
+        begin = monotonic_ns()
+        if self.port.wait(asked_ms):
+            return True, 0
+        return False, max(0, monotonic_ns() - begin - asked_ms * 1_000_000)
+
+
+def _joined(chunks: list[tuple[int, bytes]]) -> bytes:
+    return chunks[0][1] if len(chunks) == 1 else b"".join(data for _, data in chunks)

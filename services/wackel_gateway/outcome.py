@@ -1,0 +1,94 @@
+"""What became of one instruction, and how it is told in a message."""
+
+from bisect import bisect_left
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import accumulate
+
+from wackel_protocols.dynamixel2.answers import Answers, reader
+from wackel_protocols.dynamixel2.expectation import Expectation
+from wackel_schemas.bus import Chunk, Purpose, ResponseTime, Transaction
+
+
+@dataclass(slots=True)
+class Outcome:
+    """One instruction and what followed. All times are ns of the monotonic clock.
+
+    Attributes:
+        purpose: Why it was sent.
+        instruction: Its bytes; empty for bytes that nobody asked for.
+        expectation: What had to come.
+        begin_ns: First byte of the instruction left; without one, the first chunk came.
+        sent_ns: Last byte of the instruction left.
+        chunks: (time of the read, bytes).
+        answers: What the chunks say.
+        deadline_ns: Until when the answers had to be complete.
+        ended_ns: When listening ended.
+        host_lag_ns: Longest oversleeping of the process meanwhile.
+        baud_rate: Bit/s.
+    """
+
+    purpose: Purpose
+    instruction: bytes
+    expectation: Expectation
+    begin_ns: int
+    sent_ns: int
+    chunks: Sequence[tuple[int, bytes]]
+    answers: Answers
+    deadline_ns: int
+    ended_ns: int
+    host_lag_ns: int
+    baud_rate: int
+
+    @property
+    def received_bytes(self) -> int:
+        """How many bytes came."""
+        return sum(len(data) for _, data in self.chunks)
+
+    def message(self, offset_ns: int) -> Transaction:
+        """As published; ``offset_ns`` leads from the monotonic clock to UTC."""
+        begin = self.begin_ns
+        return Transaction(
+            stamp=begin + offset_ns,
+            purpose=self.purpose,
+            instruction=self.instruction,
+            sent_ns=self.sent_ns - begin,
+            chunks=[Chunk(at_ns=at_ns - begin, data=data) for at_ns, data in self.chunks],
+            expected=list(self.expectation.ids),
+            expected_bytes=self.expectation.total_bytes,
+            deadline_ns=self.deadline_ns - begin,
+            ended_ns=self.ended_ns - begin,
+            baud_rate=self.baud_rate,
+            response_times=self._response_times(),
+            host_lag_ns=self.host_lag_ns,
+        )
+
+    def _response_times(self) -> list[ResponseTime]:
+        chunks, sent_ns = self.chunks, self.sent_ns
+        statuses = self.answers.statuses
+        if len(chunks) == 1:
+            took_ns = chunks[0][0] - sent_ns
+            return [ResponseTime(id=status.id, ns=took_ns) for status in statuses]
+        ends = list(accumulate(len(data) for _, data in chunks))
+        return [
+            ResponseTime(id=status.id, ns=chunks[bisect_left(ends, status.end)][0] - sent_ns)
+            for status in statuses
+        ]
+
+
+def unsolicited(at_ns: int, data: bytes, baud_rate: int) -> Outcome:
+    """Bytes that no instruction called for, or that came after waiting was over."""
+    read = reader(b"")
+    return Outcome(
+        purpose="observed",
+        instruction=b"",
+        expectation=read.expectation,
+        begin_ns=at_ns,
+        sent_ns=at_ns,
+        chunks=((at_ns, data),),
+        answers=read.read(data),
+        deadline_ns=at_ns,
+        ended_ns=at_ns,
+        host_lag_ns=0,
+        baud_rate=baud_rate,
+    )

@@ -1,0 +1,146 @@
+"""Mode poll: the gateway is the master of the bus."""
+
+from time import monotonic_ns
+
+from wackel_gateway.commands import Refused, writes
+from wackel_gateway.exchange import Exchange
+from wackel_gateway.management import Management
+from wackel_gateway.outcome import Outcome
+from wackel_gateway.patience import Patience
+from wackel_gateway.port import Port, PortLost
+from wackel_gateway.reporter import Reporter
+from wackel_gateway.retry import Retry
+from wackel_gateway.roster import Member
+from wackel_gateway.schedule import Job, Schedule, Stage
+from wackel_node.config import BusConfig
+from wackel_node.log import logger
+from wackel_node.node import Node
+from wackel_schemas import keys
+from wackel_schemas.bus import BusCommand, BusReply, BusRequest
+
+_LOOK_S = 0.2  # at a rate of few cycles a second, a port that is gone shall still show at once
+_OF_A_CYCLE = (Stage.COMMAND, Stage.CYCLE, Stage.PLAIN, Stage.REST)
+
+
+class Poller:
+    """Runs the schedule on the port, as long as there is one."""
+
+    def __init__(self, node: Node, bus: str, config: BusConfig, reporter: Reporter) -> None:
+        self._node = node
+        self._config = config
+        self._reporter = reporter
+        self._roster = reporter.roster
+        self._schedule = Schedule(
+            self._roster, config.rate, fast=config.fast_sync_read, now_ns=monotonic_ns()
+        )
+        self._exchange: Exchange | None = None
+        self._unpublished: Outcome | None = None
+        self._models: dict[int, int | None] = {}
+        self._cycle = 0
+        self._cycle_begin_ns = self._cycle_end_ns = 0
+        node.subscribe(keys.COMMAND, lambda _, command: self._command(command), bus=bus)
+        node.serve(keys.BUS_REQUEST, self._request, bus=bus)
+        node.every(_LOOK_S, self._look)
+
+    def run(self) -> None:
+        """Until the node stops."""
+        retry = Retry(self._node)
+        while not self._node.stopping:
+            try:
+                with Port(self._config.port, self._config.baud_rate) as port:
+                    self._reporter.connected(port.baud_rate, port.latency_timer_ms)
+                    retry.succeeded()
+                    self._poll(port)
+            except PortLost as lost:
+                self._reporter.lost(str(lost))
+                retry.wait()
+
+    def _poll(self, port: Port) -> None:
+        node, schedule = self._node, self._schedule
+        patience = Patience(port.baud_rate, port.latency_timer_ms)
+        exchange = self._exchange = Exchange(port, patience, lambda: node.stopping)
+        schedule.restart(monotonic_ns())
+        try:
+            while not node.stopping:
+                node.pump()
+                job = schedule.next(monotonic_ns())
+                if job is None:
+                    self._publish()
+                    node.pump(max(0.0, (schedule.due_ns - monotonic_ns()) / 1e9))
+                    continue
+                late = exchange.drain()
+                exchange.send(job.purpose, job.instruction)
+                # The time on the wire is used to publish what came before.
+                self._publish()
+                if late is not None:
+                    self._reporter.publish(late)
+                self._unpublished = outcome = exchange.gather()
+                self._done(job, outcome)
+        finally:
+            self._exchange = None
+            self._publish()
+
+    def _publish(self) -> None:
+        outcome, self._unpublished = self._unpublished, None
+        if outcome is not None:
+            self._reporter.publish(outcome)
+
+    def _look(self) -> None:
+        if self._exchange is None:
+            return
+        self._exchange.port.wait(0)  # raises if it is gone
+        self._reporter.statistics.fast_sync_read = self._schedule.fast
+        self._reporter.statistics.overruns = self._exchange.port.overruns()
+
+    def _done(self, job: Job, outcome: Outcome) -> None:
+        self._schedule.done(job, outcome.answers, outcome.begin_ns, outcome.ended_ns)
+        if job.stage is Stage.PING:
+            self._identify(self._roster.members[job.ids[0]])
+        elif job.stage in _OF_A_CYCLE:
+            if self._schedule.cycles != self._cycle:
+                if self._cycle:
+                    self._reporter.cycle(self._cycle_end_ns - self._cycle_begin_ns)
+                self._cycle = self._schedule.cycles
+                self._cycle_begin_ns = outcome.begin_ns
+            self._cycle_end_ns = outcome.ended_ns
+
+    def _identify(self, member: Member) -> None:
+        """Takes notice of a servo that is not what it was taken for."""
+        if self._models.get(member.id) == member.model_number:
+            return
+        self._models[member.id] = member.model_number
+        self._reporter.decoder.forget()
+        if member.model_number != member.configured.number:
+            logger.warning(
+                "servo %d says it is model %d, configured is %s; its own word counts",
+                member.id,
+                member.model_number,
+                member.configured.name,
+            )
+
+    def _command(self, command: BusCommand) -> None:
+        try:
+            if self._exchange is None:
+                raise Refused("adapter unplugged", self._config.port)
+            instructions = writes(command.goals, self._roster)
+        except Refused as refusal:
+            self._reporter.refused("command", refusal)
+            return
+        self._schedule.command(instructions)
+        self._reporter.statistics.commands += 1
+
+    def _request(self, request: BusRequest) -> BusReply:
+        """Runs between two transactions: the node's handlers are only called there."""
+        self._publish()
+        now = self._node.clock.now_ns()
+        try:
+            if self._exchange is None:
+                raise Refused("adapter unplugged", self._config.port)
+            management = Management(self._exchange, self._roster, self._reporter.publish)
+            return management.carry_out(request, now)
+        except Refused as refusal:
+            self._reporter.refused("request", refusal)
+            return BusReply(stamp=now, ok=False, text=str(refusal))
+        except PortLost as lost:
+            logger.warning("request: %s", lost)
+            return BusReply(stamp=now, ok=False, text=str(lost))

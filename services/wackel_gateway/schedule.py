@@ -1,0 +1,405 @@
+"""What to send next. Pure: time and outcomes come in as arguments.
+
+A cycle reads position, velocity and current of every servo that is present, in cable order. Between
+cycles, in what time is left over, servos that are missing are pinged and slow registers are read.
+
+In a sync read each servo waits for the one before it, so a silent one silences all behind it. Hence
+the rest is asked again in the same cycle without the first missing one, and every missing servo
+leaves the cycle until a ping of its own is answered. Pings also are how servos join at the start.
+A servo that is there thus never misses more than one cycle because of another.
+"""
+
+from collections import deque
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from enum import Enum, auto
+from heapq import heapify, heappop, heappush
+
+from wackel_gateway.roster import Block, Member, Roster
+from wackel_protocols.dynamixel2 import packet
+from wackel_protocols.dynamixel2.answers import Answers
+from wackel_schemas.bus import Purpose
+
+_SPARE_SHARE = 0.1
+"""Share of bus time for silent servos and slow work where cycles leave no pause between them."""
+_SPARE_LIMIT_NS = 20_000_000
+"""How much of it can be saved up or owed: about one ping that nobody answers."""
+_SCATTERED_LIMIT = 3
+"""So many answers in a row lost alone: at 1 % ordinary loss once in a million reads."""
+_FAST_STRIKES = 3
+"""So many fast reads in a row without any answer where a plain one at once has answers."""
+_SETBACK_NS = 10_000_000
+_MAX_SETBACK_NS = 1_000_000_000
+"""A servo that answers pings but no reads is tried again after 10 ms, 20 ms, … 1 s."""
+_PING_BYTES = 3
+"""What a ping's answer holds: model number and firmware."""
+
+
+class Stage(Enum):
+    """What a job is for, which decides what follows from its outcome."""
+
+    COMMAND = auto()
+    CYCLE = auto()
+    PLAIN = auto()
+    REST = auto()
+    PING = auto()
+    SLOW = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """One instruction to send.
+
+    Attributes:
+        stage: What it is for.
+        purpose: How it is published.
+        instruction: Its bytes.
+        ids: Servos that it asks.
+        block: What it reads; absent if nothing.
+    """
+
+    stage: Stage
+    purpose: Purpose
+    instruction: bytes
+    ids: tuple[int, ...] = ()
+    block: Block | None = None
+
+
+@dataclass(frozen=True)
+class _Slow:
+    """Registers that are read now and then, as a block; with how many ns between."""
+
+    names: tuple[str, ...]
+    period_ns: int
+
+
+_SLOW = (
+    _Slow(("present_input_voltage", "present_temperature"), 1_000_000_000),
+    _Slow(("torque_enable", "hardware_error_status"), 1_000_000_000),
+    # Only a write changes it, so this finds what somebody else has written.
+    _Slow(("return_delay_time",), 30_000_000_000),
+)
+_HARDWARE_ERROR = 1  # index into _SLOW
+
+
+@dataclass(slots=True)
+class _Presence:
+    """Where a servo stands in the schedule."""
+
+    member: Member
+    present: bool = False
+    proven: bool = False  # has answered a read since it joined
+    scattered: int = 0  # answers in a row lost though servos behind it answered
+    setbacks: int = 0  # times in a row it answered a ping but not the read that followed
+    not_before_ns: int = 0
+    waiting: bool = False  # is in one of the two queues for pings
+
+
+@dataclass(slots=True)
+class _Costs:
+    """What a job of each kind takes, ns; running means of the outcomes."""
+
+    means: dict[str, float] = field(
+        default_factory=lambda: {"answered": 1e6, "silent": 5e6, "slow": 1e6}
+    )
+
+    def add(self, kind: str, took_ns: int) -> None:
+        self.means[kind] += (took_ns - self.means[kind]) / 8
+
+
+class Schedule:
+    """The master's plan for one bus.
+
+    Attributes:
+        due_ns: When the next cycle begins; nothing needs to be asked before if :meth:`next` gives
+            nothing.
+        cycles: Cycles begun.
+    """
+
+    def __init__(self, roster: Roster, rate: float, *, fast: bool, now_ns: int) -> None:
+        """``rate`` in Hz; ``fast``: use Fast Sync Read where every servo's firmware knows it."""
+        self._roster = roster
+        self._period_ns = round(1e9 / rate)
+        self._fast_allowed = fast
+        self._servos = {id_: _Presence(member) for id_, member in roster.members.items()}
+        self.cycles = 0
+        self.restart(now_ns)
+
+    def restart(self, now_ns: int) -> None:
+        """Everything anew: the adapter is back, and nobody knows what changed meanwhile."""
+        self.due_ns = now_ns
+        self._commands: list[bytes] = []
+        self._jobs: deque[Job] = deque()
+        self._cycle_jobs: list[Job] | None = None
+        self._fast_strikes = 0
+        self._fast_trusted = True
+        self._extra_ran = False
+        self._spare_ns = 0.0
+        self._spare_since_ns = now_ns
+        self._costs = _Costs()
+        self._needs_proof = False  # some servo has joined without a read yet, or lost answers
+        self._alerted: set[int] = set()
+        self._urgent: deque[int] = deque()
+        self._fresh: deque[int] = deque()
+        self._silent: deque[int] = deque()
+        self._slow: list[tuple[int, int, int]] = []
+        for servo_id, servo in self._servos.items():
+            servo.present = servo.proven = False
+            servo.setbacks = servo.scattered = servo.not_before_ns = 0
+            servo.waiting = True
+            self._fresh.append(servo_id)
+
+    @property
+    def present(self) -> tuple[int, ...]:
+        """Servos that the cycle asks, in cable order."""
+        return tuple(servo_id for servo_id, servo in self._servos.items() if servo.present)
+
+    @property
+    def fast(self) -> bool:
+        """Whether the cycle uses Fast Sync Read for all it asks."""
+        jobs = self._cycle()
+        return bool(jobs) and all(_is_fast(job) for job in jobs)
+
+    def command(self, writes: Iterable[bytes]) -> None:
+        """Instructions to send at the head of the next cycle."""
+        self._commands.extend(writes)
+
+    def next(self, now_ns: int) -> Job | None:
+        """The instruction to send now; nothing until :attr:`due_ns` if absent."""
+        if self._jobs:
+            return self._jobs.popleft()
+        extra = self._extra(now_ns)
+        if extra is not None:
+            return extra
+        if now_ns < self.due_ns:
+            return None
+        # Where the wire is slower than the rate, what could not be kept is not made up for.
+        self.due_ns = max(now_ns, self.due_ns + self._period_ns)
+        self._extra_ran = False
+        self._jobs.extend(Job(Stage.COMMAND, "command", write) for write in self._commands)
+        self._commands.clear()
+        self._jobs.extend(self._cycle())
+        if not self._jobs:
+            return self._extra(now_ns)
+        self.cycles += 1
+        return self._jobs.popleft()
+
+    def done(self, job: Job, answers: Answers, begin_ns: int, ended_ns: int) -> None:
+        """What became of a job."""
+        took_ns = ended_ns - begin_ns
+        match job.stage:
+            case Stage.CYCLE | Stage.PLAIN | Stage.REST:
+                self._read(job, answers, ended_ns)
+            case Stage.PING:
+                self._spare_ns -= took_ns
+                self._pinged(job.ids[0], answers, took_ns, ended_ns)
+            case Stage.SLOW:
+                self._spare_ns -= took_ns
+                self._costs.add("slow", took_ns)
+                if answers.missing:
+                    self._suspect(job.ids[0], ended_ns)
+            case Stage.COMMAND:
+                pass
+        if job.stage is not Stage.COMMAND:
+            self._note_alerts(answers)
+
+    # The cycle.
+
+    def _cycle(self) -> list[Job]:
+        """Reads of all present servos: one for each place where registers lie, in cable order."""
+        if self._cycle_jobs is None:
+            groups: dict[Block, list[_Presence]] = {}
+            for servo in self._servos.values():
+                block = servo.member.cycle_block
+                if servo.present and block is not None:
+                    groups.setdefault(block, []).append(servo)
+            self._cycle_jobs = [
+                _read_job(
+                    Stage.CYCLE,
+                    block,
+                    tuple(servo.member.id for servo in servos),
+                    fast=self._fast_allowed
+                    and self._fast_trusted
+                    and all(servo.member.knows_fast_sync_read for servo in servos),
+                )
+                for block, servos in groups.items()
+            ]
+        return self._cycle_jobs
+
+    def _read(self, job: Job, answers: Answers, now_ns: int) -> None:
+        missing = answers.missing
+        if not missing:
+            if self._fast_strikes and _is_fast(job):
+                self._fast_strikes = 0
+            if self._needs_proof:
+                self._prove(job.ids)
+            if job.stage is Stage.PLAIN:
+                self._strike()
+            return
+        answered = [servo_id for servo_id in job.ids if servo_id not in missing]
+        self._prove(answered)
+        if not answered and _is_fast(job) and job.stage is Stage.CYCLE:
+            # Either nobody is there or nobody understands: a plain read tells.
+            assert job.block is not None
+            self._jobs.appendleft(_read_job(Stage.PLAIN, job.block, job.ids, fast=False))
+            return
+        if job.stage is Stage.PLAIN and answered:
+            self._strike()
+        tail = _tail(job.ids, missing)
+        for servo_id in missing:
+            if servo_id not in tail:
+                self._lost_alone(servo_id, now_ns)
+        if not tail:
+            return
+        self._suspect(tail[0], now_ns)
+        rest = tail[1:]
+        if rest and (answered or job.stage is not Stage.REST):
+            assert job.block is not None
+            fast = _is_fast(job) and self._fast_trusted
+            self._jobs.appendleft(_read_job(Stage.REST, job.block, rest, fast=fast))
+        else:
+            for servo_id in rest:
+                self._suspect(servo_id, now_ns)
+
+    def _prove(self, ids: Iterable[int]) -> None:
+        for servo_id in ids:
+            servo = self._servos[servo_id]
+            servo.proven = True
+            servo.scattered = servo.setbacks = 0
+        self._needs_proof = any(
+            servo.present and (not servo.proven or servo.scattered)
+            for servo in self._servos.values()
+        )
+
+    def _strike(self) -> None:
+        """A plain read was answered where a fast one was not."""
+        self._fast_strikes += 1
+        if self._fast_strikes >= _FAST_STRIKES:
+            self._fast_trusted = False
+            self._cycle_jobs = None
+
+    def _lost_alone(self, servo_id: int, now_ns: int) -> None:
+        servo = self._servos[servo_id]
+        servo.scattered += 1
+        self._needs_proof = True
+        if servo.scattered >= _SCATTERED_LIMIT:
+            self._suspect(servo_id, now_ns)
+
+    def _suspect(self, servo_id: int, now_ns: int) -> None:
+        """Out of the cycle until a ping is answered."""
+        servo = self._servos[servo_id]
+        if servo.present and not servo.proven:
+            servo.setbacks += 1
+            pause_ns = min(_SETBACK_NS << min(servo.setbacks, 7), _MAX_SETBACK_NS)
+            servo.not_before_ns = now_ns + pause_ns
+        servo.present = servo.proven = False
+        servo.scattered = 0
+        self._cycle_jobs = None
+        if not servo.waiting:
+            servo.waiting = True
+            self._fresh.append(servo_id)
+
+    # What runs between cycles.
+
+    def _extra(self, now_ns: int) -> Job | None:
+        """A job that fits before the next cycle, or the one that may delay it."""
+        saved_ns = self._spare_ns + _SPARE_SHARE * (now_ns - self._spare_since_ns)
+        self._spare_ns = max(-_SPARE_LIMIT_NS, min(_SPARE_LIMIT_NS, saved_ns))
+        self._spare_since_ns = now_ns
+        costs = self._costs.means
+        left_ns = self.due_ns - now_ns
+        # Whatever is new may cost time at once, one job a cycle, for it says what has happened.
+        if self._urgent and (left_ns >= costs["slow"] or not self._extra_ran):
+            job = self._slow_job(_HARDWARE_ERROR, self._urgent.popleft())
+            if job is not None:
+                return self._run_extra(job)
+        if self._fresh and (left_ns >= costs["silent"] or not self._extra_ran):
+            job = self._ping(self._fresh, now_ns)
+            if job is not None:
+                return self._run_extra(job)
+        afforded = self._spare_ns >= costs["silent"]
+        if self._silent and afforded and (left_ns >= costs["silent"] or not self._extra_ran):
+            job = self._ping(self._silent, now_ns)
+            if job is not None:
+                return self._run_extra(job)
+        while self._slow and self._slow[0][0] <= now_ns:
+            fits = left_ns >= costs["slow"]
+            if not fits and (self._extra_ran or self._spare_ns < costs["slow"]):
+                return None
+            _, kind, servo_id = heappop(self._slow)
+            if self._servos[servo_id].present:
+                heappush(self._slow, (now_ns + _SLOW[kind].period_ns, kind, servo_id))
+                job = self._slow_job(kind, servo_id)
+                if job is not None:
+                    return self._run_extra(job)
+        return None
+
+    def _run_extra(self, job: Job) -> Job:
+        self._extra_ran = True
+        return job
+
+    def _ping(self, waiting: deque[int], now_ns: int) -> Job | None:
+        """The ping of the first in the queue whose time has come."""
+        for _ in range(len(waiting)):
+            servo_id = waiting.popleft()
+            if self._servos[servo_id].not_before_ns <= now_ns:
+                return Job(Stage.PING, "ping", packet.ping(servo_id), (servo_id,))
+            waiting.append(servo_id)
+        return None
+
+    def _pinged(self, servo_id: int, answers: Answers, took_ns: int, now_ns: int) -> None:
+        servo = self._servos[servo_id]
+        if answers.missing:
+            self._costs.add("silent", took_ns)
+            self._silent.append(servo_id)
+            return
+        self._costs.add("answered", took_ns)
+        servo.waiting = False
+        servo.present = True
+        self._needs_proof = True
+        self._cycle_jobs = None
+        for status in answers.statuses:
+            if len(status.parameters) == _PING_BYTES:
+                number = int.from_bytes(status.parameters[:2], "little")
+                servo.member.identify(number, status.parameters[2])
+        self._slow = [entry for entry in self._slow if entry[2] != servo_id]
+        self._slow.extend((now_ns, kind, servo_id) for kind in range(len(_SLOW)))
+        heapify(self._slow)
+        # What has come back seldom comes alone.
+        self._fresh.extend(self._silent)
+        self._silent.clear()
+
+    def _slow_job(self, kind: int, servo_id: int) -> Job | None:
+        block = Block.of(self._servos[servo_id].member.model, *_SLOW[kind].names)
+        if block is None:
+            return None
+        instruction = packet.read(servo_id, block.address, block.length)
+        return Job(Stage.SLOW, "background", instruction, (servo_id,), block)
+
+    def _note_alerts(self, answers: Answers) -> None:
+        """Reads the reason at once when a servo begins to raise its alert bit."""
+        alerted = self._alerted
+        for servo_id, error, _, _ in answers.statuses:
+            if (error >= packet.ALERT) != (servo_id in alerted):
+                if error < packet.ALERT:
+                    alerted.discard(servo_id)
+                else:
+                    alerted.add(servo_id)
+                    self._urgent.append(servo_id)
+
+
+def _read_job(stage: Stage, block: Block, ids: tuple[int, ...], *, fast: bool) -> Job:
+    build = packet.fast_sync_read if fast and len(ids) > 1 else packet.sync_read
+    return Job(stage, "cycle", build(ids, block.address, block.length), ids, block)
+
+
+def _is_fast(job: Job) -> bool:
+    return job.instruction[packet.PREFIX_BYTES] == packet.Instruction.FAST_SYNC_READ
+
+
+def _tail(ids: Sequence[int], missing: Sequence[int]) -> tuple[int, ...]:
+    """The missing servos behind the last one that answered."""
+    start = len(ids)
+    while start and ids[start - 1] in missing:
+        start -= 1
+    return tuple(ids[start:])

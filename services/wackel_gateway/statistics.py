@@ -1,0 +1,107 @@
+"""Counters of a bus: pure; fed with outcomes, read once a second. Every byte is in one of them."""
+
+from collections.abc import Iterable
+from statistics import median
+
+from wackel_gateway.outcome import Outcome
+from wackel_gateway.patience import BITS_PER_BYTE
+from wackel_protocols.dynamixel2.packet import ALERT
+from wackel_protocols.dynamixel2.scanner import Kind, Segment
+from wackel_schemas.bus import BusStatistics, ServoStatistics
+
+
+class Counters:
+    """Counts since they were made, and rates of the period since :meth:`period` was called last.
+
+    Attributes:
+        totals: The counts; mode, port, baud rate and connection are kept up to date by the owner.
+    """
+
+    def __init__(self, totals: BusStatistics, ids: tuple[int, ...], now_ns: int) -> None:
+        self.totals = totals
+        totals.servos = [ServoStatistics(id=servo_id) for servo_id in ids]
+        self._servos = {servo.id: servo for servo in totals.servos}
+        # Transactions without any fault by the servos asked: counted in one go, once a period.
+        self._clean: dict[tuple[int, ...], int] = {}
+        self._since_ns = now_ns
+        self._cycles = 0
+        self._cycle_times_ns: list[int] = []
+        self._period_bytes = 0
+
+    def count(self, outcome: Outcome) -> None:
+        """Accounts for one outcome."""
+        totals = self.totals
+        sent, received = len(outcome.instruction), outcome.received_bytes
+        if sent:
+            totals.transactions += 1
+        totals.bytes_sent += sent
+        totals.bytes_received += received
+        self._period_bytes += sent + received
+        answers, ids = outcome.answers, outcome.expectation.ids
+        if answers.segments is None:
+            totals.packet_bytes += received
+            self._clean[ids] = self._clean.get(ids, 0) + 1
+        else:
+            totals.incomplete += bool(answers.missing)
+            self._account(answers.segments, frozenset(ids))
+            self._owed(ids, 1)
+            self._received([status.id for status in answers.statuses], 1)
+        for servo_id, error, _, _ in answers.statuses:
+            if error and servo_id in self._servos:
+                self._servos[servo_id].alerts += error >= ALERT
+                self._servos[servo_id].errors += bool(error & ~ALERT)
+
+    def cycle(self, took_ns: int) -> None:
+        """A cycle's reads took so long."""
+        self._cycles += 1
+        self._cycle_times_ns.append(took_ns)
+
+    def refused(self, reason: str) -> None:
+        """A command or request was not carried out."""
+        rejected = self.totals.rejected
+        rejected[reason] = rejected.get(reason, 0) + 1
+
+    def period(self, stamp_ns: int, now_ns: int) -> BusStatistics:
+        """The message, with the rates of the period that ends now; begins the next."""
+        for ids, times in self._clean.items():
+            self._owed(ids, times)
+            self._received(ids, times)
+        self._clean.clear()
+        totals = self.totals
+        elapsed_s = max(now_ns - self._since_ns, 1) / 1e9
+        times_ns = self._cycle_times_ns
+        totals.stamp = stamp_ns
+        totals.cycle_rate = self._cycles / elapsed_s
+        totals.cycle_time = median(times_ns) / 1e9 if times_ns else 0.0
+        on_wire_s = self._period_bytes * BITS_PER_BYTE / totals.baud_rate
+        totals.bus_load = min(1.0, on_wire_s / elapsed_s)
+        self._since_ns = now_ns
+        self._cycles = self._period_bytes = 0
+        self._cycle_times_ns = []
+        return totals
+
+    def _owed(self, ids: Iterable[int], times: int) -> None:
+        for servo_id in ids:
+            if servo_id in self._servos:
+                self._servos[servo_id].expected += times
+
+    def _received(self, ids: Iterable[int], times: int) -> None:
+        for servo_id in ids:
+            if servo_id in self._servos:
+                self._servos[servo_id].received += times
+
+    def _account(self, segments: list[Segment], expected: frozenset[int]) -> None:
+        totals = self.totals
+        for segment in segments:
+            length = segment.end - segment.start
+            match segment.kind:
+                case Kind.PACKET:
+                    totals.packet_bytes += length
+                case Kind.ZEROS:
+                    totals.zero_bytes += length
+                case Kind.STRAY:
+                    totals.stray_bytes += length
+                case Kind.BAD_CRC | Kind.TRUNCATED:
+                    totals.bad_bytes += length
+                    if segment.id in expected and segment.id in self._servos:
+                        self._servos[segment.id].bad_crc += 1

@@ -1,0 +1,65 @@
+"""Mode tap: a second adapter on the wires of somebody else's bus; it never writes."""
+
+from time import monotonic_ns
+
+from wackel_gateway.commands import Refused
+from wackel_gateway.patience import Patience
+from wackel_gateway.port import Port, PortLost
+from wackel_gateway.reporter import Reporter
+from wackel_gateway.retry import Retry
+from wackel_gateway.segment import Segmenter
+from wackel_node.config import BusConfig
+from wackel_node.node import Node
+from wackel_schemas import keys
+from wackel_schemas.bus import BusReply, BusRequest
+
+_TURN_MS = 100  # the node's own messages wait at most so long for their turn
+_ONLY_LISTENS = Refused("not the master", "this gateway only listens")
+
+
+class Tap:
+    """Turns what is heard into transactions."""
+
+    def __init__(self, node: Node, bus: str, config: BusConfig, reporter: Reporter) -> None:
+        self._node = node
+        self._config = config
+        self._reporter = reporter
+        node.subscribe(keys.COMMAND, lambda *_: reporter.refused("command", _ONLY_LISTENS), bus=bus)
+        node.serve(keys.BUS_REQUEST, self._request, bus=bus)
+
+    def run(self) -> None:
+        """Until the node stops."""
+        retry = Retry(self._node)
+        while not self._node.stopping:
+            try:
+                with Port(self._config.port, self._config.baud_rate) as port:
+                    self._reporter.connected(port.baud_rate, port.latency_timer_ms)
+                    retry.succeeded()
+                    self._listen(port)
+            except PortLost as lost:
+                self._reporter.lost(str(lost))
+                retry.wait()
+
+    def _listen(self, port: Port) -> None:
+        patience = Patience(port.baud_rate, port.latency_timer_ms)
+        segmenter = Segmenter(patience, port.baud_rate)
+        publish = self._reporter.publish
+        while not self._node.stopping:
+            due_ns = segmenter.due_ns
+            turn_ms = _TURN_MS
+            if due_ns is not None:
+                turn_ms = max(0, min(turn_ms, -((monotonic_ns() - due_ns) // 1_000_000)))
+            if port.wait(turn_ms):
+                data = port.read()
+                if not data:
+                    raise PortLost("it was closed from the other side")
+                for outcome in segmenter.both(monotonic_ns(), data):
+                    publish(outcome)
+            else:
+                for outcome in segmenter.idle(monotonic_ns()):
+                    publish(outcome)
+            self._node.pump()
+
+    def _request(self, _: BusRequest) -> BusReply:
+        self._reporter.refused("request", _ONLY_LISTENS)
+        return BusReply(stamp=self._node.clock.now_ns(), ok=False, text=str(_ONLY_LISTENS))
