@@ -1,0 +1,150 @@
+"""A drive: its wheels' constraints as rows on the twist, slide rows first, then roll rows.
+
+Every row is one form. A direction at angle ψ through the contact point (x, y) sees of the twist
+``[cos ψ, sin ψ, x sin ψ − y cos ψ] · ξ``, the contact's velocity along that direction:
+
+- slide row c_i (eq. 4), along the axle: ψ = α + β, equal to 0;
+- roll row j_i (eq. 3), along the rolling direction: ψ = α + β − π/2, equal to r φ̇;
+- roll row of a wheel with rollers at angle γ: ψ = α + β − π/2 + γ, divided by cos γ, so that it
+  too equals r φ̇ (Siegwart, Nourbakhsh, eq. 3.20).
+
+Turning ψ by π/2 is the derivative by β, hence dc/dβ = −j and dj/dβ = +c.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from wackel_kinematics.array import Bools, Floats, Ints, dot, last_axis
+from wackel_kinematics.wheel import Wheel
+
+
+class Drive:
+    """Constraint rows of a set of wheels (eq. 5 and 6), for any mix of kinds.
+
+    ``n`` wheels give ``R`` rows: first the slide rows of :attr:`slide_wheels`, then the roll rows
+    of :attr:`roll_wheels`, each in the order of the wheels. ``steering`` and ``wheel_rate`` always
+    have ``n`` entries; those of wheels that do not steer, or have no roll row, are ignored.
+
+    Attributes:
+        wheels: As given.
+        alpha: Placement angles, rad, shape (n,).
+        xy: Contact points, m, shape (n, 2).
+        steers: Which wheels steer, shape (n,).
+        slide_wheels: Wheel number of each slide row, from 0.
+        roll_wheels: Wheel number of each roll row, from 0.
+        roll_radius: Wheel radius of each roll row, m.
+        row_wheels: Wheel number of each row, shape (R,).
+        length_m: L, the root mean square of the l of wheels with rows. Dividing the third column by
+            it makes the three columns comparable (m/s each); the paper leaves this "metric" open.
+
+    Raises:
+        ValueError: No wheel has a row, or all of those stand at the origin.
+    """
+
+    def __init__(self, wheels: Sequence[Wheel]) -> None:
+        self.wheels = tuple(wheels)
+        self.alpha = _frozen([wheel.place.alpha_rad for wheel in wheels])
+        self.xy = _frozen([(wheel.place.x_m, wheel.place.y_m) for wheel in wheels])
+        self.steers: Bools = np.array([wheel.beta_rad is None for wheel in wheels], dtype=np.bool_)
+        self._mounted = _frozen([wheel.beta_rad or 0.0 for wheel in wheels])
+
+        slide = [i for i, wheel in enumerate(wheels) if wheel.slide]
+        roll = [i for i, wheel in enumerate(wheels) if wheel.radius_m is not None]
+        self.slide_wheels: Ints = np.array(slide, dtype=np.intp)
+        self.roll_wheels: Ints = np.array(roll, dtype=np.intp)
+        self.row_wheels: Ints = np.array(slide + roll, dtype=np.intp)
+        self.roll_radius = _frozen([w.radius_m for w in wheels if w.radius_m is not None])
+
+        distances = [wheels[i].place.l_m for i in {*slide, *roll}]
+        if not any(distances):
+            raise ValueError("no wheel away from the origin constrains the motion")
+        self.length_m = math.sqrt(sum(d * d for d in distances) / len(distances))
+
+        rollers = [wheels[i].roller_rad for i in roll]
+        self._turn = _frozen([0.0] * len(slide) + [angle - math.pi / 2 for angle in rollers])
+        self._scale = _frozen([1.0] * len(slide) + [1 / math.cos(angle) for angle in rollers])
+        self._row_x, self._row_y = self.xy[self.row_wheels].T
+
+    @property
+    def n(self) -> int:
+        """Number of wheels, castors included."""
+        return len(self.wheels)
+
+    @property
+    def slide_count(self) -> int:
+        """Number of slide rows; the roll rows begin at this index."""
+        return len(self.slide_wheels)
+
+    def beta(self, steering: Floats) -> Floats:
+        """Steering angle β of every wheel: as given where it steers, as mounted elsewhere.
+
+        Args:
+            steering: β in rad, shape (..., n).
+
+        Raises:
+            ValueError: The last axis is not n long.
+        """
+        return np.where(self.steers, last_axis(steering, self.n, "steering"), self._mounted)
+
+    def heading(self, steering: Floats) -> Floats:
+        """Rolling direction from the robot's x axis, α + β − π/2, rad, shape (..., n)."""
+        return self.beta(steering) + self.alpha - math.pi / 2
+
+    def steering(self, heading: Floats) -> Floats:
+        """β whose rolling direction is the heading: inverse of :meth:`heading` where it steers."""
+        return self.beta(last_axis(heading, self.n, "heading") - self.alpha + math.pi / 2)
+
+    def rows(self, steering: Floats) -> Floats:
+        """C₁(β) above J₁(β) (eq. 5 and 6).
+
+        Args:
+            steering: β in rad, shape (..., n).
+
+        Returns:
+            Shape (..., R, 3); first two columns without unit, third in m. Rows of a wheel whose
+            angle is not finite are NaN.
+        """
+        angle = (self.beta(steering) + self.alpha)[..., self.row_wheels] + self._turn
+        with np.errstate(invalid="ignore"):
+            cos, sin = self._scale * np.cos(angle), self._scale * np.sin(angle)
+        rows = np.empty((*angle.shape, 3))
+        rows[..., 0] = cos
+        rows[..., 1] = sin
+        np.subtract(self._row_x * sin, self._row_y * cos, out=rows[..., 2])
+        return rows
+
+    def values(self, wheel_rate: Floats) -> Floats:
+        """What the rows times ξ equal: 0 for slide rows, r φ̇ for roll rows (eq. 5 and 6).
+
+        Args:
+            wheel_rate: φ̇ in rad/s, shape (..., n).
+
+        Returns:
+            Shape (..., R), m/s.
+
+        Raises:
+            ValueError: The last axis is not n long.
+        """
+        rate = last_axis(wheel_rate, self.n, "wheel rate")
+        values = np.zeros((*rate.shape[:-1], len(self.row_wheels)))
+        np.multiply(
+            self.roll_radius, rate[..., self.roll_wheels], out=values[..., self.slide_count :]
+        )
+        return values
+
+    def scaled(self, rows: Floats) -> Floats:
+        """Rows for the scaled twist [vx, vy, L ω]: third column divided by L."""
+        return rows * (1.0, 1.0, 1.0 / self.length_m)
+
+    def scaled_unit(self, rows: Floats) -> Floats:
+        """Scaled rows of length 1: normals of the planes in velocity space (section 3.1)."""
+        scaled = self.scaled(rows)
+        return scaled / np.sqrt(dot(scaled, scaled))[..., None]
+
+
+def _frozen(values: Sequence[object]) -> Floats:
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
