@@ -6,7 +6,7 @@ Every row is one form. A direction at angle ψ through the contact point (x, y) 
 - slide row c_i (eq. 4), along the axle: ψ = α + β, equal to 0;
 - roll row j_i (eq. 3), along the rolling direction: ψ = α + β − π/2, equal to r φ̇;
 - roll row of a wheel with rollers at angle γ: ψ = α + β − π/2 + γ, divided by cos γ, so that it
-  too equals r φ̇ (Siegwart, Nourbakhsh, eq. 3.20).
+  too equals r φ̇ (Siegwart, Nourbakhsh, section 3.2.3, Swedish wheel).
 
 Turning ψ by π/2 is the derivative by β, hence dc/dβ = −j and dj/dβ = +c.
 """

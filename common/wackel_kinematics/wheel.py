@@ -1,7 +1,7 @@
 """One wheel: where it touches the floor, how it is mounted, and which constraints it imposes.
 
 Kinds and their constraints: Siegwart, Nourbakhsh, "Introduction to Autonomous Mobile Robots",
-section 3.2.3; Campion, Bastin, D'Andréa-Novel, IEEE T-RA 12(1), 1996, section II (the paper's [4]).
+section 3.2.3 (wheel kinematic constraints); steered wheels also the paper's [4].
 """
 
 import math
@@ -98,7 +98,9 @@ def fixed(place: Placement, radius_m: float | None, heading_rad: float = 0.0) ->
 def mecanum(
     place: Placement, radius_m: float, roller_rad: float, heading_rad: float = 0.0
 ) -> Wheel:
-    """Swedish wheel: only the motion along the roller's axis is bound (Siegwart eq. 3.20).
+    """Swedish wheel: only the motion along the axis of the roller on the floor is bound.
+
+    The roller rolls freely across its axis; along it the contact moves with the share cos γ of r φ̇.
 
     Args:
         place: Contact point.
