@@ -7,7 +7,8 @@ import zenoh
 
 from wackel_node.errors import USAGE, Explained
 from wackel_node.link import Link
-from wackel_schemas.keys import TOPICS, Topic
+from wackel_schemas import wire
+from wackel_schemas.keys import TOPICS, Topic, topic_of
 from wackel_schemas.message import Message
 
 EVERYTHING = "**"
@@ -56,6 +57,16 @@ def listen(link: Link, patterns: Sequence[str], handler: Callable[[str, bytes], 
                 handler(key, payload)
 
         link.subscribe_raw(topic, deliver)
+
+
+def header_of(key: str, payload: bytes) -> Message | None:
+    """The header of a message on one of wackel's keys; ``None`` for anything else."""
+    if topic_of(key) is None:
+        return None
+    try:
+        return wire.decode(payload, Message)
+    except wire.Rejected:
+        return None
 
 
 def key_expression(pattern: str) -> zenoh.KeyExpr:

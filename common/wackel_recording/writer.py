@@ -11,7 +11,6 @@ import msgspec
 from mcap.writer import CompressionType, Writer
 
 from wackel_recording.about import METADATA_NAME, PROFILE, About
-from wackel_schemas import wire
 from wackel_schemas.keys import ROOT, topic_of
 from wackel_schemas.message import Message
 
@@ -26,16 +25,6 @@ MAX_KEYS = 1024
 
 _U64 = 2**64
 _U32 = 2**32
-
-
-def header_of(key: str, payload: bytes) -> Message | None:
-    """The header of a message on one of wackel's keys; ``None`` for anything else."""
-    if topic_of(key) is None:
-        return None
-    try:
-        return wire.decode(payload, Message)
-    except wire.Rejected:
-        return None
 
 
 class RecordingWriter:
@@ -112,7 +101,7 @@ class RecordingWriter:
             key: Below the robot's name.
             arrived_ns: UTC, ns.
             payload: As it came.
-            header: As :func:`header_of` finds it.
+            header: As :func:`wackel_node.listen.header_of` finds it.
 
         Raises:
             OSError: The next file cannot be opened.

@@ -3,10 +3,10 @@
 from collections.abc import Callable, Sequence
 
 from wackel_node.clock import Clock
-from wackel_node.listen import listen
+from wackel_node.listen import header_of, listen
 from wackel_node.log import logger
 from wackel_node.node import Node
-from wackel_recording.writer import FLUSH_S, RecordingWriter, header_of
+from wackel_recording.writer import FLUSH_S, RecordingWriter
 
 RETRY_S = 5.0  # a disk that was full is not tried more often than a person could make room
 

@@ -15,9 +15,10 @@ import pytest
 from tests.conftest import Rendezvous, wait_until
 from wackel_node.config import RobotConfig, dump
 from wackel_node.link import Link
+from wackel_node.listen import header_of
 from wackel_node.node import Node
 from wackel_recording.about import About
-from wackel_recording.writer import RecordingWriter, header_of
+from wackel_recording.writer import RecordingWriter
 from wackel_schemas import wire
 from wackel_schemas.bus import BusState
 from wackel_schemas.fault import Evidence, FaultReport

@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import MCAP0_MAGIC, Writer
 
+from wackel_node.listen import header_of
 from wackel_recording.about import About
 from wackel_recording.reader import Entry, RecordingFile, Unreadable, open_recordings
-from wackel_recording.writer import MAX_KEYS, RecordingWriter, header_of
+from wackel_recording.writer import MAX_KEYS, RecordingWriter
 from wackel_schemas import wire
 from wackel_schemas.bus import BusState, ServoState
 from wackel_schemas.message import Message

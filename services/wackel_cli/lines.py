@@ -1,0 +1,119 @@
+"""Messages for people and for scripts: one line of text, or one line of JSON."""
+
+from typing import Any
+
+import msgspec
+
+from wackel_protocols.dynamixel2 import Instruction
+from wackel_schemas import wire
+from wackel_schemas.bus import BusCommand, BusState, BusStatistics, ServoState, Transaction
+from wackel_schemas.fault import FaultReport
+from wackel_schemas.health import Health, Heartbeat
+from wackel_schemas.keys import topic_of
+from wackel_schemas.message import Message
+
+_SHOWN_BYTES = 32  # of what is not understood: enough to recognise it
+_UNITS = {"position": "rad", "velocity": "rad/s", "current": "A", "voltage": "V"}
+
+
+def as_text(key: str, payload: bytes) -> str:
+    """One message as a line for people; never longer than its content, never control characters.
+
+    Args:
+        key: Below the robot's name.
+        payload: As it came.
+    """
+    topic = topic_of(key)
+    if topic is None:
+        return f"{len(payload)} bytes  {_shown(payload)}"
+    try:
+        message = wire.decode(payload, topic.message)
+    except wire.Rejected as error:
+        return printable(f"{error}  {_shown(payload)}")
+    return printable(_describe(message))
+
+
+def as_json(key: str, payload: bytes) -> str:
+    """One message as a line of JSON: ``{"key": …, "message": …}``; bytes are base64.
+
+    What is not understood has ``error`` and ``payload`` in place of ``message``.
+    """
+    topic = topic_of(key)
+    line: dict[str, Any] = {"key": key}
+    try:
+        if topic is None:
+            raise wire.Rejected("not a topic of wackel")
+        line["message"] = wire.decode(payload, topic.message)
+    except wire.Rejected as error:
+        line |= {"error": str(error), "payload": payload}
+    return msgspec.json.encode(line).decode()
+
+
+def printable(text: str) -> str:
+    """Text from the network without what would steer a terminal."""
+    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+
+
+def _describe(message: Message) -> str:
+    match message:
+        case Transaction():
+            return _transaction(message)
+        case BusState():
+            return "  ".join(_servo(servo) for servo in message.servos) or "no servo answered"
+        case BusStatistics():
+            return (
+                f"{message.mode} {message.port} {'' if message.connected else 'NOT CONNECTED '}"
+                f"{message.cycle_rate:.1f} Hz  load {message.bus_load:.0%}  "
+                f"{message.transactions} transactions, {message.incomplete} incomplete  "
+                f"{message.stray_bytes + message.zero_bytes + message.bad_bytes} bytes outside "
+                "valid packets"
+            )
+        case BusCommand():
+            return f"goals for {', '.join(str(goal.id) for goal in message.goals)}"
+        case FaultReport():
+            again = " (repeated)" if message.repeated else ""
+            return (
+                f"{message.status} {message.code} {message.component} "
+                f"({message.confidence:.0%}){again}: {message.message}"
+            )
+        case Health():
+            return f"{message.level}: {message.summary}"
+        case Heartbeat():
+            lost = f"  {message.lost} lost" if message.lost else ""
+            return f"{message.state}  {message.received} received{lost}  {message.reason}".rstrip()
+    return repr(message)
+
+
+def _transaction(message: Transaction) -> str:
+    code = message.instruction[7] if len(message.instruction) > 7 else None
+    try:
+        name = (
+            "no instruction" if code is None else Instruction(code).name.lower().replace("_", " ")
+        )
+    except ValueError:
+        name = f"instruction 0x{code:02x}"
+    received = sum(len(chunk.data) for chunk in message.chunks)
+    answered = f"{len(message.response_times)} of {len(message.expected)} answered"
+    return (
+        f"{message.purpose} {name}  {len(message.instruction)} B out, {received} B in  {answered}  "
+        f"{message.ended_ns / 1e6:.2f} ms"
+    )
+
+
+def _servo(servo: ServoState) -> str:
+    parts = [f"{servo.id}:"]
+    for name, unit in _UNITS.items():
+        value = getattr(servo, name)
+        if value is not None:
+            parts.append(f"{value:+.3f} {unit}" if unit != "V" else f"{value:.1f} V")
+    if servo.temperature is not None:
+        parts.append(f"{servo.temperature:.0f} °C")
+    if servo.alert:
+        parts.append("ALERT")
+    if servo.error:
+        parts.append(f"error {servo.error}")
+    return " ".join(parts)
+
+
+def _shown(payload: bytes) -> str:
+    return payload[:_SHOWN_BYTES].hex(" ") + (" …" if len(payload) > _SHOWN_BYTES else "")
