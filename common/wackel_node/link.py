@@ -91,7 +91,8 @@ def session(config: RobotConfig, role: Role) -> zenoh.Session:
     zenoh_config = zenoh.Config()
     for key, value in settings.items():
         zenoh_config.insert_json5(key, json.dumps(value))
-    zenoh.init_log_from_env_or("error")
+    # The session complains of data that arrives while it closes, which is no error.
+    zenoh.init_log_from_env_or("error,zenoh::api::session=off")
     try:
         return zenoh.open(zenoh_config)
     except zenoh.ZError as error:

@@ -1,0 +1,163 @@
+"""``wackel up``: a robot's rendezvous and all its services, kept running."""
+
+import argparse
+import json
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+from wackel_cli.supervisor import Change, Job, Supervisor
+from wackel_node import log
+from wackel_node.config import RobotConfig, load
+from wackel_node.errors import OK, Explained
+from wackel_node.link import Link, NotReached
+from wackel_schemas import keys
+from wackel_schemas.health import Health, Heartbeat
+
+_TOKENS_S = 0.3  # what is alive at a rendezvous is told at once; this is a hundred times that
+
+
+class AlreadyRunning(Explained):
+    """The services of this robot are running already."""
+
+
+def main(argv: list[str]) -> int:
+    """Runs a robot until Ctrl-C or SIGTERM; returns the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="wackel up",
+        description="Runs everything in robot.toml as processes that meet at a rendezvous in this "
+        "one, restarts what dies, and says who is up. Ctrl-C stops all of them within a second.",
+        epilog="All services end with this process, whatever ends it. On a robot whose control "
+        "must go on (mode proxy), let systemd run the services instead: compose/systemd.",
+    )
+    parser.add_argument("config", nargs="?", type=Path, default=Path("robot.toml"))
+    parser.add_argument("--virtual", action="store_true", help="with virtual servos on the ports")
+    parser.add_argument("--record", action="store_true", help="record all topics")
+    parser.add_argument(
+        "--external-rendezvous",
+        action="store_true",
+        help="use the zenohd at zenoh.endpoint; without it up listens there itself, or uses what "
+        "it finds",
+    )
+    parser.add_argument("--json", action="store_true", help="one JSON object a line")
+    arguments = parser.parse_args(argv)
+    log.set_up("up")
+    config = load(arguments.config)
+    show = show_json if arguments.json else show_text
+    with rendezvous(config, arguments.external_rendezvous) as link:
+        jobs = robot_jobs(config, arguments.config, arguments.virtual, arguments.record)
+        run(link, jobs, show)
+    return OK
+
+
+def robot_jobs(config: RobotConfig, path: Path, virtual: bool, record: bool) -> list[Job]:
+    """What a robot consists of."""
+
+    def job(name: str, command: str, *more: str) -> Job:
+        return Job(name, (command, "--config", str(path), *more))
+
+    return [
+        *([job("virtual/main", "virtual")] if virtual else []),
+        *(job(f"gateway/{bus}", "gateway", "--bus", bus) for bus in config.buses),
+        job("classifier/main", "classifier"),
+        job("aggregator/main", "aggregator"),
+        *([job("recorder/main", "record")] if record or config.recorder.directory else []),
+    ]
+
+
+@contextmanager
+def rendezvous(config: RobotConfig, external: bool = False) -> Iterator[Link]:
+    """A link that is the robot's rendezvous, or uses the one that listens already.
+
+    Raises:
+        NotReached: The address is taken by something else, or nothing is at an external one.
+        AlreadyRunning: The robot's services are at the one that listens already.
+    """
+    if external:
+        link = Link(config, "client")
+    else:
+        try:
+            link = Link(config, "router")
+        except NotReached:
+            link = Link(config, "client")
+            log.logger.info("using the rendezvous that listens at %s", config.zenoh.endpoint)
+    with link:
+        alive: set[str] = set()
+        link.watch_alive(lambda name, there: alive.add(name) if there else None)
+        limit = time.monotonic() + _TOKENS_S
+        while time.monotonic() < limit:
+            link.pump(limit - time.monotonic())
+        if alive:
+            names = ", ".join(sorted(alive))
+            raise AlreadyRunning(f"robot {config.robot} is up already ({names}); stop it first")
+        yield link
+
+
+def run(link: Link, jobs: list[Job], show: Callable[[str, str, str], None]) -> None:
+    """Runs jobs until a signal; tells every change of a process, a service or health."""
+    stopping = False
+
+    def stop(*_: object) -> None:
+        nonlocal stopping
+        stopping = True
+        link.wake()
+
+    def on_change(change: Change) -> None:
+        show(change.name, change.event, f"pid {change.pid} {change.detail}".strip())
+
+    states: dict[str, tuple[int, str]] = {}
+
+    def on_heartbeat(key: str, beat: Heartbeat) -> None:
+        name = key.removeprefix("alive/")
+        if states.get(name) != (beat.boot, beat.state):
+            states[name] = beat.boot, beat.state
+            show(name, beat.state, beat.reason)
+
+    told = ""
+
+    def on_health(_: str, health: Health) -> None:
+        nonlocal told
+        if health.summary != told:
+            told = health.summary
+            show("health", health.level, health.summary)
+
+    link.subscribe(keys.ALIVE, on_heartbeat)
+    link.subscribe(keys.HEALTH, on_health)
+    handlers = {
+        signal.SIGINT: stop,
+        signal.SIGTERM: stop,
+        signal.SIGHUP: stop,
+        signal.SIGCHLD: lambda *_: link.wake(),
+    }
+    with _handling(handlers), Supervisor(jobs, on_change) as supervisor:
+        while not stopping:
+            link.pump(supervisor.wait_s())
+            supervisor.step()
+
+
+@contextmanager
+def _handling(handlers: Mapping[signal.Signals, Callable[..., None]]) -> Iterator[None]:
+    previous = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def show_text(name: str, event: str, detail: str) -> None:
+    """One line for people."""
+    print(f"{time.strftime('%H:%M:%S')}  {name:<18}{event:<10}{detail}".rstrip(), flush=True)
+
+
+def show_json(name: str, event: str, detail: str) -> None:
+    """One line for programs: ``stamp`` (UTC ns), ``name``, ``event``, ``detail``."""
+    line = {"stamp": time.time_ns(), "name": name, "event": event, "detail": detail}
+    print(json.dumps(line), flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
