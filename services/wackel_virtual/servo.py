@@ -209,12 +209,7 @@ class Servo:
 
     def note_instruction(self, at_ns: int) -> None:
         """Any instruction on the bus feeds the watchdog, if it has not bitten yet."""
-        watchdog = self._table[self._watchdog_address] if self._watchdog_address else 0
-        if 0 < watchdog < 128:
-            limit = self._heard_ns + watchdog * 20_000_000
-            if at_ns > limit:
-                self._put("bus_watchdog", -1)
-                self._motion.drive("velocity", 0.0, self._motion.limit, limit)
+        self._watch(at_ns)
         self._heard_ns = at_ns
 
     # What befalls it.
@@ -233,6 +228,7 @@ class Servo:
 
     def drawn_amperes(self, at_ns: int) -> float:
         """What it takes from the supply."""
+        self._watch(at_ns)
         self._motion.advance(at_ns)
         return STANDBY_A + abs(self._motion.current)
 
@@ -532,6 +528,15 @@ class Servo:
         register = self._registers["present_position"]
         raw = round(self._motion.position / register.scale) + register.zero
         return min(max(raw, self._least_position), self._greatest_position)
+
+    def _watch(self, at_ns: int) -> None:
+        """Let the watchdog stop the shaft if it should have by now."""
+        watchdog = self._table[self._watchdog_address] if self._watchdog_address else 0
+        if 0 < watchdog < 128:
+            bites_ns = self._heard_ns + watchdog * 20_000_000
+            if at_ns > bites_ns:
+                self._put("bus_watchdog", -1)
+                self._motion.drive("velocity", 0.0, self._motion.limit, bites_ns)
 
     def _unwind(self) -> None:
         """Forget whole revolutions."""
