@@ -80,7 +80,7 @@ class VirtualBus(Wire):
         return [fault.injection for fault in healed]
 
     def active(self) -> list[Injection]:
-        """The faults that act now, oldest first."""
+        """The faults that act now, in the order in which they were injected."""
         return [fault.injection for fault in self._faults if fault.active]
 
     def _begin(self, at_ns: int, fault: _Fault) -> None:

@@ -43,9 +43,9 @@ class Contact:
     OPEN_MEAN_S = 0.006
     OPEN_MAX_S = 0.015
     """A contact that rattles; the supply capacitor of a servo bridges this."""
-    BURST_OPEN_MEAN_S = 0.040
-    BURST_MEAN_S = 0.5
-    BURST_PAUSE_MEAN_S = 3.0
+    BURST_OPEN_MEAN_S = 0.020
+    BURST_MEAN_S = 1.0
+    BURST_PAUSE_MEAN_S = 2.0
     """A cable that moves with a joint: losses come while it moves, and last longer."""
     SPARK_MAX_BYTES = 28
     SPARK_PAUSE_S = 0.25
@@ -57,6 +57,8 @@ class Contact:
         self._random = random
         self._rate = losses_per_s
         self._bursts = bursts
+        share = self.BURST_MEAN_S / (self.BURST_MEAN_S + self.BURST_PAUSE_MEAN_S)
+        self._burst_closed_s = max(share / losses_per_s - self.BURST_OPEN_MEAN_S, 0.001)
         self._burst_until_s = 0.0
         self._spark_at_s = 0.0
 
@@ -72,12 +74,11 @@ class Contact:
             return exponential(self._rate)
         if self.open:
             return exponential(1 / self.BURST_OPEN_MEAN_S)
-        cycle = self.BURST_MEAN_S + self.BURST_PAUSE_MEAN_S
-        wait = exponential(self._rate * cycle / self.BURST_MEAN_S)
-        if now_s + wait > self._burst_until_s:
-            wait += exponential(1 / self.BURST_PAUSE_MEAN_S)
-            self._burst_until_s = now_s + wait + exponential(1 / self.BURST_MEAN_S)
-        return wait
+        then_s = now_s + exponential(1 / self._burst_closed_s)
+        if then_s > self._burst_until_s:
+            then_s = max(now_s, self._burst_until_s) + exponential(1 / self.BURST_PAUSE_MEAN_S)
+            self._burst_until_s = then_s + exponential(1 / self.BURST_MEAN_S)
+        return then_s - now_s
 
     def spark(self, at_ns: int) -> bytes:
         """Stray bytes of a change at this time, mostly none."""

@@ -4,6 +4,7 @@ Conditions of a bus are a pure function of the active faults, so that any number
 and healing one leaves the others as they are.
 """
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
@@ -66,13 +67,13 @@ KINDS: dict[str, Kind] = {
         200.0,
     ),
     "loose_contact_bursts": Kind(
-        "As loose_contact, but the losses are longer and come while the cable is moved: half a "
-        "second every few seconds. Servos may restart.",
+        "As loose_contact, but the losses are longer and come while the cable is moved: a second "
+        "every few seconds. Servos may restart.",
         "cable",
         _LOSSES,
         5.0,
         0.01,
-        20.0,
+        15.0,
     ),
     "silent": Kind("The servo hears and obeys, but never answers.", "servo"),
     "rhythmic_jammer": Kind(
@@ -194,10 +195,10 @@ def checked(injection: Injection, ids: Sequence[int]) -> Injection:
             f"value {value:g} of {name} ({kind.value}) must be "
             f"{'a whole number ' if kind.whole else ''}from {kind.least:g} to {kind.most:g}"
         )
-    if injection.start_s < 0:
-        raise InjectionError(f"start_s = {injection.start_s:g} must not be negative")
-    if injection.duration_s is not None and injection.duration_s <= 0:
-        raise InjectionError(f"duration_s = {injection.duration_s:g} must be positive")
+    if not 0 <= injection.start_s < math.inf:
+        raise InjectionError(f"start_s = {injection.start_s:g} must be 0 or more")
+    if injection.duration_s is not None and not 0 < injection.duration_s < math.inf:
+        raise InjectionError(f"duration_s = {injection.duration_s:g} must be more than 0")
     return msgspec.structs.replace(injection, value=value)
 
 
