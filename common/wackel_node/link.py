@@ -44,6 +44,9 @@ _MAX_KEYS = 1024
 # An hour at 1 kHz is not lost between two messages; such a jump is a stranger's number.
 _STRANGE_JUMP = 3_600_000
 
+# Tells the words of a service from Zenoh's own errors, such as its time-out.
+_REFUSAL = zenoh.Encoding.TEXT_PLAIN
+
 Role = Literal["peer", "client", "router"]
 
 
@@ -137,6 +140,13 @@ class Publisher(Generic[M]):
         self._seq += 1
         self._last = wire.encode(message)
         self._publisher.put(self._last)
+
+    @property
+    def has_reader(self) -> bool:
+        """Whether anyone is linked who would get what is published now."""
+        if isinstance(self._publisher, AdvancedPublisher):
+            return True  # a latched value waits for its reader
+        return bool(self._publisher.matching_status.matching)
 
     def _reply_latest(self, query: zenoh.Query) -> None:
         with query:
@@ -280,7 +290,7 @@ class Link:
                     reply = handler(wire.decode(payload, query.request))
                 except wire.Rejected as error:
                     self.rejected += 1
-                    item.reply_err(str(error))
+                    item.reply_err(str(error), encoding=_REFUSAL)
                     return
                 reply.boot = self.boot
                 item.reply(item.key_expr, wire.encode(reply), encoding=wire.encoding(query.reply))
@@ -308,9 +318,8 @@ class Link:
         for reply in replies:
             if reply.ok is not None:
                 return wire.decode(reply.ok.payload.to_bytes(), query.reply)
-            text = reply.err.payload.to_string() if reply.err is not None else ""
-            if text.startswith("no "):
-                raise wire.Rejected(text)
+            if reply.err is not None and reply.err.encoding == _REFUSAL:
+                raise wire.Rejected(reply.err.payload.to_string())
         raise TimeoutError(f"no answer on {query.key(**chunks)} within {timeout_s:g} s")
 
     def every(self, period_s: float, handler: Callable[[], None]) -> None:

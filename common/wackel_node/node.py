@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 import traceback as tracebacks
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +16,7 @@ from wackel_node.notify import notify
 from wackel_schemas.health import Heartbeat
 from wackel_schemas.keys import ALIVE, ROOT
 
+_LINKING_S = 0.5  # links to all services are up in a tenth of this
 HEARTBEAT_S = 0.5  # a hung service shows after 2.5 of these, well within two seconds
 
 State = Literal["starting", "ready", "stopping", "crashed"]
@@ -56,6 +58,7 @@ class Node(Link):
             self._enter("stopping")
         else:
             logger.error("crashed", exc_info=exc)
+            self._wait_for_a_reader()
             self._enter("crashed", _reason(exc))
         notify("STOPPING=1")
         super().__exit__(exc_type, exc, traceback)
@@ -77,6 +80,12 @@ class Node(Link):
         """Ends :meth:`run` soon; safe from handlers and signal handlers."""
         self.stopping = True
         self.wake()
+
+    def _wait_for_a_reader(self) -> None:
+        """A crash right at the start would otherwise be told before anyone is linked."""
+        limit = time.monotonic() + _LINKING_S
+        while not self._heartbeats.has_reader and time.monotonic() < limit:
+            time.sleep(0.01)
 
     def _enter(self, state: State, reason: str = "") -> None:
         self._state = state
