@@ -1,0 +1,154 @@
+"""What servos say of themselves: alert bit, Hardware Error Status, refused instructions."""
+
+from dataclasses import dataclass
+
+from wackel_classifier.chain import Chain
+from wackel_classifier.findings import Finding
+from wackel_protocols.dynamixel2.errors import ERROR_NUMBERS, hardware_errors
+from wackel_protocols.dynamixel2.packet import ALERT
+from wackel_protocols.dynamixel2.tables import Series
+
+DECODE_NS = 300_000_000
+"""How long to wait for Hardware Error Status to be read before an alert is reported without it."""
+CRC_ERROR = 3
+"""Error number of a servo that got a damaged instruction: loss, not a refusal."""
+REFUSED_NS = 5_000_000_000
+"""How long a refused instruction is told; a second one within it prolongs it."""
+_CODES = {
+    "input voltage": "undervoltage",
+    "motor Hall sensor": "hall_sensor_error",
+    "overheating": "overheating",
+    "motor encoder": "encoder_error",
+    "electrical shock": "electrical_shock",
+    "overload": "overload",
+}
+
+
+@dataclass(slots=True)
+class _Servo:
+    alert_ns: int | None = None
+    since: int = 0
+    status: int | None = None
+    refused_ns: int | None = None
+    refused: int = 0
+    refused_since: int = 0
+
+
+class Alerts:
+    """Follows the error byte and Hardware Error Status of each servo.
+
+    Args:
+        chain: Of the bus.
+        series: By position; decides what the bits mean.
+    """
+
+    def __init__(self, chain: Chain, series: list[Series]) -> None:
+        self._chain = chain
+        self._series = series
+        self._servos = [_Servo() for _ in range(len(chain))]
+        self._raised = 0
+
+    @property
+    def suspicious(self) -> bool:
+        """Whether any servo complains."""
+        return self._raised > 0
+
+    def complains(self, position: int) -> bool:
+        """Whether a servo reports a hardware error; it may have switched its torque off."""
+        return self._servos[position].alert_ns is not None
+
+    def error_byte(self, position: int, error: int, now_ns: int, stamp: int) -> None:
+        """A servo has answered with this error byte."""
+        servo = self._servos[position]
+        if error & ALERT:
+            if servo.alert_ns is None:
+                servo.alert_ns, servo.since = now_ns, stamp
+        else:
+            servo.alert_ns = servo.status = None
+        number = error & ~ALERT
+        if number and number != CRC_ERROR:
+            if servo.refused_ns is None:
+                servo.refused_since = stamp
+            servo.refused_ns, servo.refused = now_ns, number
+        self._count()
+
+    def hardware_error(self, position: int, status: int, now_ns: int, stamp: int) -> None:
+        """Hardware Error Status was read."""
+        servo = self._servos[position]
+        servo.status = status
+        if status and servo.alert_ns is None:
+            servo.alert_ns, servo.since = now_ns, stamp
+        elif not status:
+            servo.alert_ns = None
+        self._count()
+
+    def gone(self, position: int) -> None:
+        """A servo is out of reach: what it said before is no longer known."""
+        self._servos[position] = _Servo()
+        self._count()
+
+    def undervoltage(self, position: int) -> bool:
+        """Whether a servo reports that its input voltage is out of limits."""
+        status = self._servos[position].status
+        return bool(status) and "input voltage" in hardware_errors(
+            status or 0, self._series[position]
+        )
+
+    def findings(self, now_ns: int) -> list[Finding]:
+        """The complaints of all servos."""
+        findings: list[Finding] = []
+        for position, servo in enumerate(self._servos):
+            if servo.alert_ns is not None:
+                findings += self._complaints(position, servo, now_ns)
+            if servo.refused_ns is not None:
+                if now_ns - servo.refused_ns >= REFUSED_NS:
+                    servo.refused_ns = None
+                    self._count()
+                    continue
+                words = ERROR_NUMBERS.get(servo.refused, f"error number {servo.refused}")
+                findings.append(
+                    Finding(
+                        "instruction_error",
+                        self._chain.servo(position),
+                        1.0,
+                        servo.refused_since,
+                        f"its answer carries error number {servo.refused}: {words}",
+                        {"error_number": servo.refused},
+                        words={"error": words},
+                    )
+                )
+        return findings
+
+    def _complaints(self, position: int, servo: _Servo, now_ns: int) -> list[Finding]:
+        component = self._chain.servo(position)
+        names = hardware_errors(servo.status or 0, self._series[position])
+        findings = [
+            Finding(
+                _CODES[name],
+                component,
+                0.99,
+                servo.since,
+                f"alert bit set; Hardware Error Status {servo.status:#04x}: {name}",
+                {"hardware_error_status": servo.status or 0},
+            )
+            for name in names
+            if name in _CODES
+        ]
+        if findings or now_ns - (servo.alert_ns or 0) < DECODE_NS:
+            return findings
+        return [
+            Finding(
+                "alert",
+                component,
+                0.9,
+                servo.since,
+                "alert bit set; Hardware Error Status could not be read"
+                if servo.status is None
+                else f"alert bit set; Hardware Error Status {servo.status:#04x} has no known bit",
+            )
+        ]
+
+    def _count(self) -> None:
+        self._raised = sum(
+            servo.alert_ns is not None or servo.refused_ns is not None for servo in self._servos
+        )

@@ -1,0 +1,324 @@
+"""The classifier of one bus: one transaction in, fault reports out.
+
+A healthy transaction is parsed, counted, and that is all: what follows from it for each servo is
+made up for at the end of a slot of 50 ms. Only what is not as it should be is looked at closely.
+Time is the stamps of the transactions, so a recording gives the same reports as the robot.
+"""
+
+from wackel_classifier.alerts import CRC_ERROR, Alerts
+from wackel_classifier.chain import Chain
+from wackel_classifier.explanations import explain
+from wackel_classifier.findings import Book
+from wackel_classifier.frozen import Frozen
+from wackel_classifier.jammers import Jammers
+from wackel_classifier.loose_contact import Event, Mark
+from wackel_classifier.losses import Losses
+from wackel_classifier.reach import Reach
+from wackel_classifier.requests import Field, Request, Requests
+from wackel_classifier.strangers import Strangers
+from wackel_classifier.supply import Supply
+from wackel_classifier.symptoms import BITS_PER_BYTE, Outcome, Sign, Symptoms, examine
+from wackel_classifier.timing import HOST_LATE_NS, HOST_SPOILS_NS, Timing
+from wackel_node.config import BusConfig, ClassifierConfig
+from wackel_protocols.dynamixel2.answers import Answers, Status
+from wackel_protocols.dynamixel2.packet import (
+    ALERT,
+    PREFIX_BYTES,
+    STATUS_BYTES,
+    Instruction,
+    InstructionPacket,
+)
+from wackel_protocols.dynamixel2.tables import Series
+from wackel_schemas.bus import Transaction
+from wackel_schemas.fault import FaultReport
+
+LONGEST_PAUSE_NS = 10_000_000_000
+"""A longer pause, or a step of the clock, counts as so much: windows survive both."""
+JAMMED_LOSS = 0.6
+"""Share of answers that a permanent jammer destroys at the worst (thesis, 2.5.5: 55 %)."""
+LEAST_SLOT_NS = 5_000_000
+"""Shortest sampling period, whatever the configuration says."""
+TICK_SLOTS = 10
+"""What changes slowly (usual response times, voltages) is worked out every so many slots."""
+_SYNC_WRITE = bytes((Instruction.SYNC_WRITE,))
+
+
+class BusClassifier:
+    """Diagnoses one bus.
+
+    Args:
+        bus: Its name.
+        config: Servos in cable order, and where supply enters.
+        limits: Thresholds.
+    """
+
+    def __init__(self, bus: str, config: BusConfig, limits: ClassifierConfig) -> None:
+        chain = self._chain = Chain(bus, config)
+        self._requests = Requests(chain, config.servos)
+        models = self._requests.models
+        series = [Series.X if model is None else model.series for model in models]
+        self._reach = Reach(chain)
+        self._jammers = Jammers(bus)
+        self._losses = Losses(chain, limits)
+        self._timing = Timing(chain, config.return_delay_us)
+        self._alerts = Alerts(chain, series)
+        self._supply = Supply(chain, config.nominal_voltage)
+        self._frozen = Frozen(chain, models)
+        self._strangers = Strangers(chain)
+        self._book = Book()
+        self._stamp: int | None = None
+        self._now_ns = 0
+        slot_ns = int(1e9 / limits.loose_contact.sample_hz)
+        self._slot_ns = min(max(slot_ns, LEAST_SLOT_NS), LONGEST_PAUSE_NS)
+        self._slot_end_ns = self._slot_ns
+        self._slot = 0
+        self._calm = True  # nothing is wrong or suspicious
+        self._goals_due = True  # goals are looked at once a slot
+        self._missed: list[int] = []  # positions, in the last transaction that missed any
+
+    def active(self) -> list[FaultReport]:
+        """The faults that are active, in the order in which they began."""
+        return self._book.active()
+
+    def step(self, transaction: Transaction) -> list[FaultReport]:
+        """Takes in the next transaction.
+
+        Returns:
+            Faults that begin, change their suspects, or are healed; usually none. Their boot and
+            seq are 0: who publishes them numbers them.
+        """
+        stamp = transaction.stamp
+        if self._stamp is not None:
+            self._now_ns += min(max(stamp - self._stamp, 0), LONGEST_PAUSE_NS)
+        self._stamp = stamp
+        instruction = transaction.instruction
+        request = self._requests.find(instruction, transaction.expected)
+        if request is None:
+            request = self._new_request(instruction, transaction.expected)
+        data = transaction.received()
+        quiet = True
+        if data or transaction.expected:
+            answers = request.reader.read(data)
+            if answers.segments is None and self._calm and not request.has_errors(data):
+                request.clean += 1
+                if request.has_contents(self._slot):
+                    self._contents(transaction, request, answers)
+            else:
+                quiet = False
+                self._look(transaction, request, answers)
+        elif self._goals_due and instruction[PREFIX_BYTES : PREFIX_BYTES + 1] == _SYNC_WRITE:
+            self._goals_due = not self._frozen.command(instruction)
+        if transaction.host_lag_ns >= HOST_LATE_NS:
+            self._timing.host_lag(transaction.host_lag_ns, self._now_ns, stamp)
+            quiet = False
+        if self._now_ns >= self._slot_end_ns:
+            self._end_slot()
+        elif quiet:
+            return []
+        return self._conclude(transaction)
+
+    def _new_request(self, instruction: bytes, expected: list[int]) -> Request:
+        if self._requests.full:
+            self._count_clean()
+            self._requests.forget()
+        return self._requests.make(instruction, expected)
+
+    # A closer look.
+
+    def _look(self, transaction: Transaction, request: Request, answers: Answers) -> None:
+        """At a transaction that is not as it should be, or comes while something is wrong."""
+        stamp, now_ns = transaction.stamp, self._now_ns
+        window_ns = transaction.ended_ns - transaction.sent_ns
+        capacity = window_ns * transaction.baud_rate // (BITS_PER_BYTE * 1_000_000_000)
+        symptoms = examine(request.expectation, answers, capacity)
+        if answers.clean:
+            self._jammers.clean()
+        else:
+            self._jammers.step(symptoms, stamp)
+        jammed = self._jammers.permanent is not None or symptoms.sign is Sign.SATURATED
+        missed = []
+        for place, outcome in enumerate(symptoms.outcomes):
+            position = self._chain.position.get(request.expectation.ids[place])
+            if position is None or outcome is Outcome.UNTESTED:
+                continue
+            if outcome is Outcome.ANSWERED:
+                self._answered(position, stamp)
+                continue
+            if outcome is Outcome.SILENT:
+                self._reach.missed(position, now_ns, stamp)
+                missed.append(position)
+            if not jammed:
+                self._losses.failed(_event(position, place, request, symptoms), stamp)
+        if jammed:
+            self._losses.reset()
+        self._foreign(transaction, request, answers, symptoms, jammed=jammed)
+        self._missed = missed or self._missed
+        for status in answers.statuses:
+            position = self._chain.position.get(status.id)
+            if position is not None:
+                self._alerts.error_byte(position, status.error, now_ns, stamp)
+                if status.error & ~ALERT == CRC_ERROR:
+                    event = Event(position, Mark.DAMAGED, None, len(request.expected) == 1, False)
+                    self._losses.failed(event, stamp)
+        self._contents(transaction, request, answers)
+
+    def _answered(self, position: int, stamp: int) -> None:
+        gone = self._reach.gone(position)
+        self._reach.answered(position, self._now_ns)
+        self._losses.recovered(position, stamp, passing=not gone)
+        self._losses.succeeded(position)
+        if self._reach.reconnected is not None:
+            self._losses.reconnected(self._reach.reconnected, stamp)
+            self._reach.reconnected = None
+
+    def _foreign(
+        self,
+        transaction: Transaction,
+        request: Request,
+        answers: Answers,
+        symptoms: Symptoms,
+        *,
+        jammed: bool,
+    ) -> None:
+        """What nobody asked for."""
+        stamp, now_ns = transaction.stamp, self._now_ns
+        for status in answers.unexpected:
+            position = self._chain.position.get(status.id)
+            if position is not None and status.id not in request.asked:
+                # The answer to an earlier request, after the host had given up.
+                self._reach.answered(position, now_ns)
+                self._losses.recovered(position, stamp, passing=False)
+                if position in self._missed:
+                    self._timing.late_answer(position, stamp)
+            elif self._chain.ids:
+                self._strangers.servo(status.id, now_ns, stamp)
+        if any(isinstance(s.packet, InstructionPacket) for s in answers.segments or ()):
+            self._strangers.master(now_ns, stamp)
+        foreign = symptoms.stray + symptoms.broken
+        if foreign and not jammed and not symptoms.rhythmic and not answers.unexpected:
+            if symptoms.stray:
+                self._losses.stray(now_ns, stamp)
+            self._strangers.unexplained(now_ns, stamp)
+
+    def _contents(self, transaction: Transaction, request: Request, answers: Answers) -> None:
+        """What intact answers say."""
+        stamp, now_ns = transaction.stamp, self._now_ns
+        times = transaction.response_times
+        if times and transaction.host_lag_ns < HOST_SPOILS_NS and not answers.missing:
+            expectation = request.expectation
+            if request.single is not None:
+                size = STATUS_BYTES + len(answers.statuses[0].parameters)
+                self._timing.response(
+                    request.single, times[-1].ns, size, transaction.baud_rate, stamp
+                )
+            elif expectation.fast and request.slot != self._slot:
+                self._timing.group(times[-1].ns, expectation.total_bytes, transaction.baud_rate)
+        look_at_motion = request.has_motion and request.slot != self._slot
+        request.slot = self._slot
+        if not request.has_fields and not look_at_motion:
+            return
+        for status in answers.statuses:
+            asked = request.asked.get(status.id)
+            if asked is None or asked.position is None:
+                continue
+            for field in asked.fields:
+                self._register(asked.position, field, status, stamp)
+            if look_at_motion and asked.motion is not None:
+                start, end = asked.motion
+                if len(status.parameters) >= end:
+                    velocity = asked.velocity_of(status.parameters)
+                    self._frozen.values(
+                        asked.position, status.parameters[start:end], velocity, now_ns, stamp
+                    )
+
+    def _register(self, position: int, field: Field, status: Status, stamp: int) -> None:
+        data = status.parameters[field.start : field.end]
+        register = field.register
+        if len(data) != register.length:
+            return
+        raw = register.decode(data)
+        match register.name:
+            case "return_delay_time":
+                self._timing.register(position, raw, stamp)
+            case "hardware_error_status":
+                self._alerts.hardware_error(position, raw, self._now_ns, stamp)
+            case "present_input_voltage":
+                self._supply.voltage(position, register.to_si(raw), self._now_ns, stamp)
+            case "torque_enable":
+                self._frozen.torque(position, bool(raw))
+
+    # Slots.
+
+    def _count_clean(self) -> None:
+        for request in self._requests.values():
+            if request.clean:
+                for position in request.positions:
+                    self._losses.succeeded(position, request.clean)
+                    self._reach.answered(position, self._now_ns)
+                request.clean = 0
+
+    def _end_slot(self) -> None:
+        self._count_clean()
+        self._losses.end_slot()
+        self._slot += 1
+        if self._slot % TICK_SLOTS == 0:
+            self._timing.tick()
+            self._supply.tick(self._now_ns, self._alerts)
+        self._slot_end_ns = self._now_ns + self._slot_ns
+        self._goals_due = True
+
+    def _conclude(self, transaction: Transaction) -> list[FaultReport]:
+        """What has changed with this transaction."""
+        now_ns, stamp = self._now_ns, transaction.stamp
+        jammers, reach = self._jammers, self._reach
+        findings = [finding for finding in (jammers.rhythmic, jammers.permanent) if finding]
+        loss = JAMMED_LOSS if jammers.permanent else self._losses.share
+        findings += reach.findings(now_ns, loss)
+        for position in reach.take_newly_gone():
+            self._alerts.gone(position)
+            self._supply.gone(position)
+            self._timing.gone(position)
+            self._frozen.gone(position)
+        if jammers.permanent is None:
+            findings += self._losses.findings(now_ns)
+        findings += self._timing.findings(now_ns, stamp)
+        findings += self._alerts.findings(now_ns)
+        findings += self._supply.findings()
+        findings += self._frozen.findings(now_ns, self._alerts)
+        if findings:
+            self._strangers.explained()
+        findings += self._strangers.findings(now_ns)
+        if findings:
+            findings = explain(findings, self._chain)
+        reports = self._book.update(stamp, findings, transaction)
+        self._calm = not (
+            self._book
+            or reach.suspicious
+            or jammers.suspicious
+            or self._losses.suspicious
+            or self._timing.suspicious
+            or self._alerts.suspicious
+            or self._strangers.suspicious
+        )
+        return reports
+
+
+def _event(position: int, place: int, request: Request, symptoms: Symptoms) -> Event:
+    """A failure as the statistics see it."""
+    outcomes = symptoms.outcomes
+    outcome = outcomes[place]
+    behind = outcomes[place + 1 :]
+    cut: bool | None = None
+    if request.expectation.fast and behind:
+        cut = None if outcome is Outcome.DAMAGED else outcome is Outcome.SILENT
+    elif behind:
+        cut = Outcome.ANSWERED not in behind
+    mark = Mark.DAMAGED if outcome is Outcome.DAMAGED else Mark.QUIET
+    if outcomes.index(outcome) == place:
+        # Bytes of nobody belong to the first failure of their kind.
+        if symptoms.stray:
+            mark = Mark.SPARK
+        elif symptoms.broken:
+            mark = Mark.TORN
+    alone = len(outcomes) == 1
+    return Event(position, mark, cut, alone, not alone and Outcome.ANSWERED not in outcomes)

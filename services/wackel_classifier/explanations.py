@@ -1,0 +1,93 @@
+"""Which findings others explain: of those only the cause is reported.
+
+The aggregator inhibits, too, by its own table; here is what only the classifier knows: place, time
+and what the evidence has in common.
+"""
+
+from wackel_classifier.chain import Chain
+from wackel_classifier.findings import Finding
+from wackel_schemas.fault_codes import EXPLAINS
+
+SAME_TIME_NS = 1_000_000_000
+"""Faults that begin within this time may have one cause: a silent servo is confirmed by several
+requests, a jammer by the next transaction."""
+
+_WIDE = frozenset(("permanent_jammer", "noise", "loose_contact", "latency_timer"))
+"""Faults that concern the whole bus, so what they explain they explain wherever it shows."""
+_ALSO = {
+    "permanent_jammer": frozenset(("loose_contact",)),
+    "rhythmic_jammer": frozenset(("stray_data",)),
+    "host_lag": frozenset(("slow_servo", "latency_timer")),
+    "low_supply": frozenset(("undervoltage",)),
+    "lost_signal": frozenset(("stray_data", "packet_loss")),
+}
+_NEVER_ALONE = "unclassified"
+
+
+def explain(findings: list[Finding], chain: Chain) -> list[Finding]:
+    """The findings that no other one explains, with the place of a jammer where it is known."""
+    findings = _place_jammer(findings, chain)
+    if any(finding.code != _NEVER_ALONE for finding in findings):
+        findings = [finding for finding in findings if finding.code != _NEVER_ALONE]
+    return [
+        finding
+        for finding in findings
+        if not any(_explains(cause, finding, chain) for cause in findings)
+    ]
+
+
+def _explains(cause: Finding, finding: Finding, chain: Chain) -> bool:
+    code = finding.code
+    if cause.code in _WIDE and code in EXPLAINS[cause.code]:
+        return True
+    if code in _ALSO.get(cause.code, ()):
+        return True
+    if cause.code == "loose_contact" and code in ("cable_break", "lost_signal"):
+        # While the contact is open, all behind it are gone: nothing new.
+        same = finding.component == cause.component
+        return same or (code == "lost_signal" and cause.component in finding.suspects)
+    if cause.code == "contact_resistance" and code == "undervoltage":
+        return finding.component in _supplied_through(cause.component, chain)
+    return False
+
+
+def _supplied_through(cable: str, chain: Chain) -> list[str]:
+    """The servos whose supply comes through a cable."""
+    for position in range(len(chain)):
+        if chain.cable(position) == cable:
+            places = range(position, len(chain)) if chain.power == "adapter" else range(position)
+            return [chain.servo(place) for place in places]
+    return []
+
+
+def _place_jammer(findings: list[Finding], chain: Chain) -> list[Finding]:
+    """A jammer resembles a servo that does not send (thesis, 2.5.4): if one fell silent when the
+    jamming began, it is the jammer.
+    """
+    jammer = next((f for f in findings if f.code in ("rhythmic_jammer", "permanent_jammer")), None)
+    if jammer is None:
+        return findings
+    silent = [
+        finding
+        for finding in findings
+        if (finding.code == "servo_silent" or _is_last_servo(finding, chain))
+        and abs(finding.since - jammer.since) <= SAME_TIME_NS
+    ]
+    if len(silent) != 1:
+        return findings
+    [mute] = silent
+    last = mute.code == "cable_break"
+    placed = Finding(
+        jammer.code,
+        mute.suspects[0] if last else mute.component,
+        0.7 if last else 0.9,
+        jammer.since,
+        f"{jammer.summary}; it fell silent when that began",
+        jammer.values,
+        [mute.component] if last else [],
+    )
+    return [placed, *(f for f in findings if f is not jammer and f is not mute)]
+
+
+def _is_last_servo(finding: Finding, chain: Chain) -> bool:
+    return finding.code == "cable_break" and finding.component == chain.cable(len(chain) - 1)

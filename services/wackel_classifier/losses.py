@@ -1,0 +1,344 @@
+"""Losses of all servos of a bus over time, and what they mean together.
+
+A failure counts once its servo has answered again: before that it may be a break, which is another
+matter (see ``reach``). Sequential tests decide whether there are more failures than are ordinary;
+their places and traces decide why.
+"""
+
+from collections import Counter, deque
+
+from wackel_classifier.chain import Chain
+from wackel_classifier.findings import Finding
+from wackel_classifier.loose_contact import Cause, Event, FailureWindow, Mark, Verdict, judge
+from wackel_classifier.loss import LossTest, threshold, wilson
+from wackel_node.config import ClassifierConfig
+from wackel_schemas import component
+
+COUNTED_IN_ROW = 2
+"""Failures in a row of one servo that count: more of them are the same disturbance, not more."""
+SPARKS = 2
+"""Failures with bytes of nobody that convict a contact at once: neither loss nor noise makes bytes,
+and one discharge may come from outside."""
+STRAYS = 2
+"""Transactions with bytes of nobody that are told, for the same reason."""
+STRAY_NS = 5_000_000_000
+"""How long stray bytes are told after the last of them."""
+RECONNECTS = 2
+"""So often a cable must break and come back within three windows to be loose."""
+MOST_EVENTS = 2000
+"""Events kept; a window of 10 s in which every second answer of a fast bus fails has no more that
+tell anything new."""
+LONGEST_WINDOW = 20_000
+"""Samples; bounds memory whatever the configuration says."""
+DAMAGED_SHARE = 0.74
+"""Above it, damage rather than loss is the name: midway, in likelihood, between noise, which
+damages nine of ten and loses the rest, and loss that damages half."""
+
+
+class Losses:
+    """Counts, tests and explains failures.
+
+    Args:
+        chain: Of the bus.
+        limits: Ordinary loss, designed false alarms, the thesis's window and thresholds.
+    """
+
+    def __init__(self, chain: Chain, limits: ClassifierConfig) -> None:
+        self._chain = chain
+        self._limits = limits.loose_contact
+        self._ordinary = limits.ordinary_loss
+        contact = limits.loose_contact
+        self._samples = int(min(max(contact.window_s * contact.sample_hz, 10), LONGEST_WINDOW))
+        size = len(chain)
+        updates = contact.sample_hz * 3600 * (size + 1)
+        limit = threshold(updates, limits.false_alarms_per_hour)
+        self._tests = [LossTest(self._ordinary, limit) for _ in range(size + 1)]  # last: all
+        self._slot = 0
+        self._trials = [0] * size
+        self._failures = [0] * size
+        self._history: deque[tuple[list[int], list[int]]] = deque()
+        self._window_trials = [0] * size
+        self._window_failures = [0] * size
+        self._pending: list[list[Event]] = [[] for _ in range(size)]
+        self._events: deque[tuple[int, Event]] = deque()
+        self._counts: Counter[Event] = Counter()
+        self._windows = [FailureWindow(self._samples) for _ in range(size)]
+        self._sparks = 0
+        self._contact = False
+        self._verdict: Verdict | None = None
+        self._judged = True
+        self._strays: deque[int] = deque(maxlen=STRAYS)
+        self._reconnects: deque[tuple[int, int]] = deque(maxlen=16)
+        self._since = 0
+        self._stray_since = 0
+
+    @property
+    def share(self) -> float:
+        """Share of answers that this bus loses at present; at least what is ordinary."""
+        trials = sum(self._window_trials) + sum(self._trials)
+        failures = sum(self._window_failures) + sum(self._failures)
+        return max(self._ordinary, wilson(failures, trials)[1] if failures else 0.0)
+
+    @property
+    def suspicious(self) -> bool:
+        """Whether any failure waits for its servo to answer again."""
+        return any(self._pending) or bool(self._strays)
+
+    def succeeded(self, position: int, count: int = 1) -> None:
+        """A servo has answered so many requests."""
+        self._trials[position] += count
+
+    def failed(self, event: Event, stamp: int) -> None:
+        """A servo has not answered, or not intact."""
+        if event.mark is Mark.DAMAGED or event.cut is False:
+            self._commit(event, stamp)  # it is there
+            return
+        pending = self._pending[event.position]
+        if len(pending) < COUNTED_IN_ROW:
+            pending.append(event)
+
+    def recovered(self, position: int, stamp: int, *, passing: bool) -> None:
+        """A servo has answered after failures; ``passing`` unless these were a break."""
+        pending = self._pending[position]
+        if passing:
+            for event in pending:
+                self._commit(event, stamp)
+        pending.clear()
+
+    def stray(self, now_ns: int, stamp: int) -> None:
+        """Bytes of nobody in a transaction."""
+        if not self._strays or now_ns - self._strays[-1] > STRAY_NS:
+            self._stray_since = stamp
+        self._strays.append(now_ns)
+
+    def reconnected(self, position: int, stamp: int) -> None:
+        """A cable was broken and has come back."""
+        self._reconnects.append((self._slot, position))
+        self._since = self._since or stamp
+
+    def reset(self) -> None:
+        """What was counted has another cause: a jammer destroys answers at random."""
+        for pending in self._pending:
+            pending.clear()
+        self._trials = [0] * len(self._chain)
+        self._failures = [0] * len(self._chain)
+
+    def end_slot(self) -> None:
+        """The current sample of the thesis's window is over."""
+        trials, failures = self._trials, self._failures
+        if any(trials) or any(failures):
+            for test, failed, tried in zip(self._tests, failures, trials, strict=False):
+                if tried or failed:
+                    test.add(failed, tried)
+            self._tests[-1].add(sum(failures), sum(trials))
+        self._history.append((trials, failures))
+        self._add(trials, failures, 1)
+        if len(self._history) > self._samples:
+            self._add(*self._history.popleft(), -1)
+        self._trials = [0] * len(trials)
+        self._failures = [0] * len(trials)
+        self._slot += 1
+        self._forget()
+
+    def findings(self, now_ns: int) -> list[Finding]:
+        """What the failures mean."""
+        findings = []
+        contact = self._reconnecting()
+        explained = contact or self._explain()
+        if explained is not None:
+            findings.append(explained)
+        while self._strays and now_ns - self._strays[-1] > STRAY_NS:
+            self._strays.clear()
+        if len(self._strays) == STRAYS:
+            findings.append(
+                Finding(
+                    "stray_data",
+                    component.bus(self._chain.bus),
+                    0.9,
+                    self._stray_since,
+                    "bytes came that belong to no packet and stand in no packet's place",
+                )
+            )
+        return findings
+
+    def _commit(self, event: Event, stamp: int) -> None:
+        position = event.position
+        self._failures[position] += 1
+        self._windows[position].fail(self._slot)
+        if not self._events:
+            self._since = stamp
+        self._events.append((self._slot, event))
+        self._counts[event] += 1
+        self._sparks += event.mark is Mark.SPARK
+        self._judged = False
+        if len(self._events) > MOST_EVENTS:
+            self._drop()
+
+    def _drop(self) -> None:
+        _, event = self._events.popleft()
+        self._counts[event] -= 1
+        if not self._counts[event]:
+            del self._counts[event]
+        self._sparks -= event.mark is Mark.SPARK
+        self._judged = False
+
+    def _add(self, trials: list[int], failures: list[int], sign: int) -> None:
+        for position, (tried, failed) in enumerate(zip(trials, failures, strict=True)):
+            self._window_trials[position] += sign * tried
+            self._window_failures[position] += sign * failed
+
+    def _forget(self) -> None:
+        oldest = self._slot - self._samples
+        while self._events and self._events[0][0] <= oldest:
+            self._drop()
+        for window in self._windows:
+            window.expire(self._slot)
+        while self._reconnects and self._reconnects[0][0] <= self._slot - 3 * self._samples:
+            self._reconnects.popleft()
+        if not self._events:
+            self._contact = False
+            for test in self._tests:
+                if test.alarmed:
+                    test.reset()
+
+    def _reconnecting(self) -> Finding | None:
+        """A break that comes and goes."""
+        places = Counter(position for _, position in self._reconnects)
+        if not places:
+            return None
+        position, count = places.most_common(1)[0]
+        if count < RECONNECTS:
+            return None
+        summary = f"the connection was gone and came back {count} times"
+        return self._loose(position, 0.9, [], summary, {"reconnects": count})
+
+    def _explain(self) -> Finding | None:
+        alarmed = any(test.alarmed for test in self._tests)
+        sparking = self._sparks >= (1 if self._contact else SPARKS)
+        if not (alarmed or sparking):
+            self._contact = False
+            return None
+        if not self._judged:
+            ordinary = self._ordinary * sum(self._window_trials) / max(1, len(self._events))
+            self._verdict = judge(self._counts, len(self._chain), ordinary)
+            self._judged = True
+        verdict = self._verdict
+        if verdict is None:
+            return None
+        match verdict.cause:
+            case Cause.CONTACT:
+                return self._intermittent(verdict)
+            case Cause.SERVO if alarmed:
+                return self._of_servo(verdict)
+            case Cause.BUS if alarmed:
+                return self._of_bus(verdict)
+        return None
+
+    def _intermittent(self, verdict: Verdict) -> Finding | None:
+        window, limits = self._windows[verdict.position], self._limits
+        spread = window.evenness
+        by_time = limits.rate_low <= window.rate <= limits.rate_high and spread >= limits.evenness
+        if not (by_time or self._contact or self._sparks >= SPARKS):
+            return None
+        self._contact = True
+        kind = "in bursts" if window.bursts else "scattered"
+        events = len(self._events)
+        seconds = self._samples / self._limits.sample_hz
+        summary = f"{events} failures {kind} within {seconds:.0f} s"
+        if self._sparks:
+            summary += f", {self._sparks} of them with bytes that belong to nobody"
+        values: dict[str, float | int | str] = {
+            "failures": events,
+            "failure_rate": round(window.rate, 4),
+            "evenness": round(spread, 3),
+            "pattern": kind,
+            "sparks": self._sparks,
+        }
+        return self._loose(
+            verdict.position, verdict.confidence, self._named(verdict.others), summary, values
+        )
+
+    def _loose(
+        self,
+        position: int,
+        confidence: float,
+        suspects: list[str],
+        summary: str,
+        values: dict[str, float | int | str],
+    ) -> Finding:
+        chain = self._chain
+        cable = chain.cable(position)
+        if position == 0 and chain.power == "far":
+            # Whichever cable opens, all before it lose power and all behind it the line.
+            place, suspects = component.bus(chain.bus), chain.cables()
+        elif position == 0:
+            place = cable
+            suspects = [*suspects, component.supply(chain.bus)]
+        else:
+            place = cable
+        return Finding("loose_contact", place, confidence, self._since, summary, values, suspects)
+
+    def _of_servo(self, verdict: Verdict) -> Finding:
+        position = verdict.position
+        failures, trials = self._window_failures[position], self._window_trials[position]
+        code = "crc_errors" if self._mostly_damaged() else "packet_loss"
+        return Finding(
+            code,
+            self._chain.servo(position),
+            verdict.confidence,
+            self._since,
+            self._rate(failures, trials),
+            self._rates(failures, trials),
+            self._named(verdict.others),
+        )
+
+    def _of_bus(self, verdict: Verdict) -> Finding:
+        failures, trials = sum(self._window_failures), sum(self._window_trials)
+        code = "noise" if self._mostly_damaged() else "packet_loss"
+        return Finding(
+            code,
+            component.bus(self._chain.bus),
+            verdict.confidence,
+            self._since,
+            self._rate(failures, trials) + ", of all servos alike",
+            self._rates(failures, trials),
+            self._named(verdict.others),
+        )
+
+    def _mostly_damaged(self) -> bool:
+        """Whether answers come damaged rather than not at all, where that can be told."""
+        told = damaged = 0
+        for event, count in self._counts.items():
+            # Silence of all behind may be the instruction's loss; it says nothing.
+            if event.mark is Mark.DAMAGED or (event.cut is False or event.alone):
+                told += count
+                damaged += count * (event.mark is Mark.DAMAGED)
+        return told > 0 and damaged >= DAMAGED_SHARE * told
+
+    def _rate(self, failures: int, trials: int) -> str:
+        low, high = wilson(failures, failures + trials)
+        return (
+            f"{failures} of {failures + trials} answers lost or damaged, which is {low:.2%} to "
+            f"{high:.2%} (95 %); ordinary is {self._ordinary:.2%}"
+        )
+
+    def _rates(self, failures: int, trials: int) -> dict[str, float | int | str]:
+        low, high = wilson(failures, failures + trials)
+        return {
+            "failures": failures,
+            "answers": failures + trials,
+            "rate_low": round(low, 5),
+            "rate_high": round(high, 5),
+        }
+
+    def _named(self, explanations: list[tuple[Cause, int]]) -> list[str]:
+        return [self._name(cause, position) for cause, position in explanations]
+
+    def _name(self, cause: Cause, position: int) -> str:
+        match cause:
+            case Cause.CONTACT:
+                return self._chain.cable(position)
+            case Cause.SERVO:
+                return self._chain.servo(position)
+            case Cause.BUS:
+                return component.bus(self._chain.bus)

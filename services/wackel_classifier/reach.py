@@ -1,0 +1,215 @@
+"""Who can be reached: told from request order, follow-up pings, cable order and power side.
+
+A servo that is silent in a sync read silences everybody behind it in request order, so only who had
+its turn counts as missed. A break of a cable takes away everybody behind it in cable order; a
+silent servo nobody but itself.
+"""
+
+import math
+from dataclasses import dataclass
+
+from wackel_classifier.chain import Chain
+from wackel_classifier.findings import Finding
+from wackel_schemas import component
+
+GONE_NS = 250_000_000
+"""How long a servo must be without an answer to count as gone. Longer than the interruptions of a
+loose contact, which last milliseconds to tens of them, and than a servo's restart after one of
+these; short enough to name a break well within a second."""
+RESOLVE_NS = 600_000_000
+"""How long to wait until the servos behind a missing one have been asked on their own. Who asks
+them is the gateway in mode poll; in the other modes nobody may, and then it stays open."""
+BACK_ANSWERS = 3
+"""Answers in a row after which a servo that was gone is back: one may slip through."""
+CHANCE = 1e-10
+"""Probability of taking ordinary losses in a row for a silent servo: ten million requests an hour
+(2000 packets a second), and one false alarm in a thousand hours."""
+MOST_MISSES = 60
+"""Even where losses are the rule (a permanent jammer), so many in a row are silence."""
+
+
+@dataclass(slots=True)
+class _Servo:
+    """Attributes: times in ns of the classifier's clock.
+
+    ``answered_ns`` last answer; ``misses`` requests in a row in which it had its turn and was
+    silent, since ``missed_ns`` (stamp ``since``); ``back`` answers in a row while gone.
+    """
+
+    answered_ns: int = -(1 << 62)
+    missed_ns: int = 0
+    since: int = 0
+    misses: int = 0
+    gone: bool = False
+    back: int = 0
+
+
+class Reach:
+    """Follows each servo of a chain.
+
+    Attributes:
+        reconnected: Position whose cable was broken and has just come back; reset by the reader.
+    """
+
+    reconnected: int | None = None
+
+    def __init__(self, chain: Chain) -> None:
+        self._chain = chain
+        self._servos = [_Servo() for _ in range(len(chain))]
+        self._waiting = 0  # servos with misses
+        self._newly_gone: list[int] = []
+        self._cut = len(chain)  # the first servo behind a break; the chain's length if none
+
+    @property
+    def suspicious(self) -> bool:
+        """Whether any servo is without an answer."""
+        return self._waiting > 0
+
+    def gone(self, position: int) -> bool:
+        """Whether a servo counts as unreachable."""
+        return self._servos[position].gone
+
+    def answered(self, position: int, now_ns: int) -> int:
+        """A servo has answered.
+
+        Returns:
+            How many misses in a row this ends; 0 if none, or if they were no passing loss.
+        """
+        servo = self._servos[position]
+        servo.answered_ns = now_ns
+        if not servo.misses:
+            return 0
+        if not servo.gone:
+            return self._clear(servo)
+        if position >= self._cut:
+            # The cable is connected again, or never was the cause: all behind it begin anew.
+            for other in self._servos[self._cut :]:
+                self._clear(other)
+            self.reconnected = self._cut
+            self._cut = len(self._servos)
+        else:
+            servo.back += 1
+            if servo.back >= BACK_ANSWERS:
+                self._clear(servo)
+        return 0
+
+    def take_newly_gone(self) -> list[int]:
+        """Positions that have become unreachable since this was last asked."""
+        gone, self._newly_gone = self._newly_gone, []
+        return gone
+
+    def _clear(self, servo: _Servo) -> int:
+        misses, servo.misses = servo.misses, 0
+        servo.gone = False
+        self._waiting -= misses > 0
+        return misses
+
+    def missed(self, position: int, now_ns: int, stamp: int) -> None:
+        """A servo had its turn and was not heard, in the transaction of this stamp."""
+        servo = self._servos[position]
+        servo.back = 0
+        if not servo.misses:
+            servo.missed_ns, servo.since = now_ns, stamp
+            self._waiting += 1
+        servo.misses += 1
+
+    def findings(self, now_ns: int, loss: float) -> list[Finding]:
+        """What the servos that are gone have in common.
+
+        Args:
+            now_ns: Classifier's time.
+            loss: Share of answers that this bus loses at present, of whatever cause.
+        """
+        if not self._waiting:
+            return []
+        servos = self._servos
+        needed = misses_needed(loss)
+        missing = [self._is_missing(servo, now_ns) for servo in servos]
+        head = len(servos)
+        while head and missing[head - 1]:
+            head -= 1
+        # One that was never asked on its own cannot be the first of those cut off.
+        while head < len(servos) and not servos[head].misses:
+            head += 1
+        behind = servos[head:]
+        # All of them at once by chance is as unlikely as one so many times.
+        cut_off = sum(servo.misses for servo in behind) >= needed
+        for place, servo in enumerate(servos):
+            alone = missing[place] and servo.misses >= needed
+            if servo.misses and not servo.gone and (alone or (cut_off and place >= head)):
+                servo.gone = True
+                self._newly_gone.append(place)
+        self._cut = head if cut_off else len(servos)
+        findings = [self._silent(place) for place in range(head) if servos[place].gone]
+        if cut_off:
+            unasked = sum(not servo.misses for servo in behind)
+            if not unasked or now_ns - behind[0].missed_ns >= RESOLVE_NS:
+                findings.append(self._cut_off(head, unasked))
+        return findings
+
+    @staticmethod
+    def _is_missing(servo: _Servo, now_ns: int) -> bool:
+        if servo.gone:
+            return True
+        return now_ns - (servo.missed_ns if servo.misses else servo.answered_ns) >= GONE_NS
+
+    def _silent(self, place: int) -> Finding:
+        servo = self._servos[place]
+        suspects = []
+        if self._chain.power == "far" and place + 1 < len(self._chain):
+            # Its supply comes through the cable behind it, whose data line may still be good.
+            suspects.append(self._chain.cable(place + 1))
+        return Finding(
+            "servo_silent",
+            self._chain.servo(place),
+            0.97,
+            servo.since,
+            f"no answer to {servo.misses} requests in a row, while servos behind it answer",
+            {"misses": servo.misses},
+            suspects,
+        )
+
+    def _cut_off(self, head: int, unasked: int) -> Finding:
+        chain, servo = self._chain, self._servos[head]
+        count = len(chain) - head
+        values: dict[str, float | int | str] = {
+            "misses": servo.misses,
+            "servos_missing": count,
+            "servos_not_asked": unasked,
+        }
+        if head == 0:
+            suspects = [component.supply(chain.bus)]
+            suspects += chain.cables() if chain.power == "far" else [chain.cable(0)]
+            if count == 1 or unasked == count - 1:
+                suspects.append(chain.servo(0))
+            return Finding(
+                "lost_signal",
+                component.bus(chain.bus),
+                0.99,
+                servo.since,
+                f"none of {count} servos answers, after {servo.misses} requests to the first",
+                values,
+                suspects,
+            )
+        alone = count == 1 or unasked == count - 1
+        text = "only the last servo is" if count == 1 else f"the last {count} servos are"
+        return Finding(
+            "cable_break",
+            chain.cable(head),
+            0.6 if alone else 0.98,
+            servo.since,
+            f"{text} missing, all {head} before it answer"
+            + (
+                f"; {unasked} of the missing had no chance to answer behind the silent one"
+                if unasked
+                else ""
+            ),
+            values,
+            [chain.servo(head)] if alone else [],
+        )
+
+
+def misses_needed(loss: float) -> int:
+    """How many misses in a row are no coincidence, given the share of answers that are lost."""
+    loss = min(max(loss, 1e-6), 0.99)
+    return min(MOST_MISSES, max(3, math.ceil(math.log(CHANCE) / math.log(loss))))
