@@ -1,0 +1,109 @@
+"""``wackel virtual`` as a person uses it."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import serial
+
+from tests.conftest import Rendezvous, wait_until
+from wackel_node.config import dump
+from wackel_node.errors import FAILED, NOT_REACHED, OK, USAGE
+from wackel_protocols.dynamixel2 import packet
+from wackel_virtual.__main__ import main
+from wackel_virtual.faults import KINDS
+
+
+def command(*arguments: str, **options: object) -> "subprocess.Popen[str]":
+    return subprocess.Popen(  # type: ignore[call-overload,no-any-return]
+        [sys.executable, "-m", "wackel_virtual", *arguments],
+        stderr=subprocess.PIPE,
+        text=True,
+        **options,
+    )
+
+
+def test_kinds_explains_every_kind(capsys):
+    assert main(["kinds"]) == OK
+    printed = capsys.readouterr().out
+    assert all(name in printed for name in KINDS)
+    assert main(["kinds", "--json"]) == OK
+    assert json.loads(capsys.readouterr().out).keys() == KINDS.keys()
+
+
+@pytest.mark.parametrize("arguments", [[], ["inject"], ["heal"], ["list"], ["kinds"]])
+def test_help_teaches(arguments, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main([*arguments, "--help"])
+    assert stop.value.code == OK
+    assert "wackel virtual" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["inject", "brake"], ["inject"], ["--config", "a", "--scenario", "b"], ["--seed", "x"]],
+)
+def test_wrong_usage_is_refused(arguments, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == USAGE
+    assert capsys.readouterr().err
+
+
+@pytest.mark.process
+def test_without_zenoh_it_is_a_serial_port_until_it_is_told_to_stop(tmp_path: Path):
+    with command("--no-zenoh", "--seed", "3", cwd=tmp_path) as process:
+        port = tmp_path / "wackel-bus"
+        wait_until(port.exists)
+        with serial.Serial(str(port), 1_000_000, timeout=5) as client:
+            client.write(packet.ping(12))
+            assert packet.decode(client.read(14)).id == 12
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(5) == OK
+    assert not os.path.lexists(port)
+
+
+@pytest.fixture
+def robot(rendezvous: Rendezvous, tmp_path: Path) -> Iterator[list[str]]:
+    """A running virtual robot; gives the arguments by which commands reach it."""
+    file = tmp_path / "robot.toml"
+    bus = f'\n[buses.arm]\nport = "{tmp_path}/arm"\nservos = [{{ id = 1 }}, {{ id = 2 }}]\n'
+    file.write_text(dump(rendezvous.config).replace("[buses]\n", "") + bus)
+    arguments = ["--config", str(file)]
+    with command(*arguments) as process:
+        assert process.stderr is not None
+        for line in process.stderr:
+            if line.endswith("ready\n"):
+                break
+        yield arguments
+        process.send_signal(signal.SIGINT)
+        assert process.wait(5) == OK
+
+
+@pytest.mark.process
+def test_faults_are_injected_listed_and_healed_while_it_runs(robot, capsys):
+    assert main(["inject", "break", "--servo", "2", *robot]) == OK
+    assert capsys.readouterr().out == "injected break at servo 2 on bus arm\n"
+    assert main(["inject", "break", "--servo", "7", *robot]) == FAILED
+    assert capsys.readouterr().out == "servo 7 is not on this bus; there are 1, 2\n"
+    assert main(["list", *robot]) == OK
+    assert capsys.readouterr().out == "1 fault active\n  break at servo 2 on bus arm\n"
+    assert main(["list", "--json", *robot]) == OK
+    (fault,) = json.loads(capsys.readouterr().out)["active"]
+    assert (fault["kind"], fault["servo"]) == ("break", 2)
+    assert main(["heal", "break", *robot]) == OK
+    assert capsys.readouterr().out == "healed break at servo 2 on bus arm\n"
+
+
+@pytest.mark.process
+def test_where_no_virtual_robot_runs_it_says_what_to_start(rendezvous, tmp_path):
+    file = tmp_path / "robot.toml"
+    file.write_text(dump(rendezvous.config))
+    with pytest.raises(ConnectionError, match="start it with `wackel virtual`") as error:
+        main(["list", "--config", str(file)])
+    assert error.value.exit_code == NOT_REACHED
