@@ -9,14 +9,17 @@ class Injection(Record, kw_only=True):
     """One fault on the virtual wire, as in scenario files.
 
     Attributes:
-        kind: ``break``, ``loose_contact``, ``silent``, ``rhythmic_jammer``, ``permanent_jammer``,
-            ``noise``, ``slow``, ``return_delay``, ``undervoltage``, ``overload``, ``unplugged``,
-            ``latency_timer``, ``power_off``, ``frozen``.
+        kind: ``break``, ``loose_contact``, ``loose_contact_bursts``, ``silent``,
+            ``rhythmic_jammer``, ``permanent_jammer``, ``noise``, ``loss``, ``slow``,
+            ``return_delay``, ``undervoltage``, ``contact_resistance``, ``overload``,
+            ``hardware_error``, ``frozen``, ``unplugged``, ``latency_timer``, ``power_off``;
+            ``wackel virtual kinds`` explains them.
         bus: Which bus; may be empty if there is only one.
         servo: Id of the servo concerned; for a cable, the servo that it leads to (from the
             adapter outwards).
-        value: Strength, by kind: bit error rate, extra response time in s, Return Delay Time
-            register, V, latency in ms, mean contacts lost per s.
+        value: Strength, by kind: mean contacts lost per s, bit error rate, share of answers lost,
+            extra response time in s, Return Delay Time register, V, Ω, bits of Hardware Error
+            Status, latency in ms.
         start_s: When it begins, s after the scenario starts (live: after the request).
         duration_s: How long it lasts; absent: until healed.
     """
