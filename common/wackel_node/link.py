@@ -146,7 +146,8 @@ class Publisher(Generic[M]):
         """Whether anyone is linked who would get what is published now."""
         if isinstance(self._publisher, AdvancedPublisher):
             return True  # a latched value waits for its reader
-        return bool(self._publisher.matching_status.matching)
+        status: Any = self._publisher.matching_status  # the stub says bool, which it is not
+        return bool(status.matching)
 
     def _reply_latest(self, query: zenoh.Query) -> None:
         with query:

@@ -34,7 +34,8 @@ class Voice(NamedTuple):
     """A source that can speak.
 
     Attributes:
-        boot: Of its process; what an earlier one said is unknown until this one repeats it.
+        boot: Of its process; what an earlier one said is unknown until this one repeats it. 0
+            before its first heartbeat.
         since_ns: Monotonic; since when it has been able to find faults.
     """
 
@@ -200,7 +201,7 @@ class FaultMemory:
             fault.gone_ns = None
             self._enter(fault, "unknown", now)
             return
-        if fault.boot != voice.boot:
+        if voice.boot and fault.boot != voice.boot:
             self._enter(fault, "unknown", now)
         if fault.gone_ns is not None:
             if now.monotonic_ns - fault.gone_ns >= code.heal_s * _S:
