@@ -3,11 +3,10 @@
 import argparse
 import sys
 import time
-from datetime import datetime
 
 import msgspec
 
-from wackel_cli.lines import as_json, as_text, printable
+from wackel_cli.lines import as_json, as_text, clock_time, printable
 from wackel_cli.rates import Rate, Rates
 from wackel_node.arguments import add_config, config_of
 from wackel_node.errors import OK
@@ -133,14 +132,6 @@ class _Reports:
             print("\n".join(msgspec.json.encode(rate).decode() for rate in rates), flush=True)
         else:
             print(table(rates), end="\n\n", flush=True)
-
-
-def clock_time(stamp_ns: int) -> str:
-    """UTC ns as local time with milliseconds; as a number where no calendar reaches."""
-    try:
-        return datetime.fromtimestamp(stamp_ns / 1e9).strftime("%H:%M:%S.%f")[:-3]
-    except (ValueError, OverflowError, OSError):
-        return str(stamp_ns)
 
 
 def table(rates: list[Rate]) -> str:

@@ -1,5 +1,6 @@
 """Messages for people and for scripts: one line of text, or one line of JSON."""
 
+from datetime import datetime
 from typing import Any
 
 import msgspec
@@ -52,6 +53,14 @@ def as_json(key: str, payload: bytes) -> str:
 def printable(text: str) -> str:
     """Text from the network without what would steer a terminal."""
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+
+
+def clock_time(stamp_ns: int) -> str:
+    """UTC ns as local time with milliseconds; as a number where no calendar reaches."""
+    try:
+        return datetime.fromtimestamp(stamp_ns / 1e9).strftime("%H:%M:%S.%f")[:-3]
+    except (ValueError, OverflowError, OSError):
+        return str(stamp_ns)
 
 
 def _describe(message: Message) -> str:

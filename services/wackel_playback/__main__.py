@@ -14,7 +14,7 @@ from wackel_node.config import RobotConfig, parse
 from wackel_node.errors import OK, Explained
 from wackel_node.link import Link
 from wackel_node.node import Node
-from wackel_playback.keyboard import Keyboard
+from wackel_node.keyboard import Keyboard
 from wackel_playback.pace import FASTEST, SLOWEST, Pace, timed
 from wackel_playback.service import Player, in_the_way, is_played
 from wackel_recording.reader import Entry, Recording, open_recordings
@@ -44,7 +44,7 @@ def main(argv: list[str]) -> int:
         raise NothingToPlay(f"{recordings[0].files[0].path}: nothing to play there")
     with Node("playback", "main", config) as node, Keyboard() as keyboard:
         node.ready()
-        player = Player(node, keyboard.keys)
+        player = Player(node, keyboard.typed)
         player.await_listeners(first[1].key)
         pace = Pace(time.monotonic(), arguments.speed, arguments.paused)
         if sys.stderr.isatty():

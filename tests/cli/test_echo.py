@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.conftest import Rendezvous
-from wackel_cli.echo import clock_time, main, table
-from wackel_cli.lines import as_json, as_text, printable
+from wackel_cli.echo import main, table
+from wackel_cli.lines import as_json, as_text, clock_time, printable
 from wackel_cli.rates import Rates
 from wackel_node.config import RobotConfig, dump
 from wackel_node.link import Link
