@@ -1,9 +1,10 @@
 """One transaction on a port: send, wait without spinning, read in bursts.
 
-A read costs as much as decoding a servo, so there are few: wait for the first bytes, which give the
-response time, then sleep for as long as the missing bytes take on the wire and take the rest at
-once. (A poll that wakes only when enough bytes are there exists, by VMIN, but it needs a
-``tcsetattr`` for each transaction, which USB adapters turn into control transfers.)
+Each wake-up costs more than decoding ten servos, so there are few. For one servo's answer, which
+gives its response time: wait for bytes. For the answers of several: sleep for as long as they
+usually take, then read all of them at once; if some are missing, sleep for as long as the missing
+bytes take on the wire. (A poll that wakes only when enough bytes are there exists, by VMIN, but it
+needs a ``tcsetattr`` for each transaction, which USB adapters turn into control transfers.)
 
 Sending and gathering are two calls, so that the caller can use the time on the wire.
 """
@@ -123,6 +124,8 @@ class Exchange:
         deadline_ns = flight.deadline_ns
         lag_ns = received = 0
         data = b""
+        if len(expectation.ids) > 1:
+            data, lag_ns = self._sleep_through(flight)
         while True:
             now = monotonic_ns()
             if not data:
@@ -152,6 +155,19 @@ class Exchange:
                 lag_ns = max(lag_ns, monotonic_ns() - now - pause_ns)
             data = read()
 
+    def _sleep_through(self, flight: _Flight) -> tuple[bytes, int]:
+        """What came while the answers of several servos usually come, and the oversleeping."""
+        expectation = flight.reader.expectation
+        until_ns = flight.sent_ns + self.patience.pause_ns(expectation)
+        pause_ns = until_ns - monotonic_ns()
+        late_ns = 0
+        if pause_ns > 0:
+            sleep(pause_ns / 1e9)
+            late_ns = max(0, monotonic_ns() - until_ns)
+        data = self.port.read()
+        self.patience.woke(expectation, complete=len(data) >= expectation.total_bytes)
+        return data, late_ns
+
     def _pause_ns(self, flight: _Flight, received: int) -> int:
         """How long the missing bytes take; 0 if it is time to look whether all is there."""
         expectation = flight.reader.expectation
@@ -164,10 +180,7 @@ class Exchange:
         data_length = expectation.data_lengths[0]
         if data_length and missing % data_length == 0:
             return 0
-        answers_to_come = missing // expectation.lengths[0]
-        return int(
-            missing * self.patience.byte_ns + answers_to_come * self.patience.gap_ns(expectation)
-        )
+        return self.patience.wire_ns(missing)
 
     def _wait(self, limit_ns: int) -> tuple[bool, int]:
         """Whether bytes came within the limit, and by how much the wait was longer than asked."""

@@ -17,6 +17,10 @@ _MAX_GRACE_NS = 20_000_000
 """Beyond this a late host is a fault that shall show, not one to wait for."""
 _UNKNOWN_LATENCY_NS = 16_000_000
 """Latency timer of an FTDI adapter that nobody set."""
+_STEP_NS = 4_000
+"""One byte at 2.5 Mbit/s."""
+_MAX_PAUSES = 256
+"""As many group sizes as a bus can have."""
 _LONGEST_DELAY_NS = 508_000
 """Return Delay Time register at 254 (e-manual: units of 2 µs)."""
 _BROADCAST_SLOT_NS = 3_000_000
@@ -55,6 +59,7 @@ class Patience:
         self.byte_ns = BITS_PER_BYTE * 1e9 / baud_rate
         latency_ns = _UNKNOWN_LATENCY_NS if latency_timer_ms is None else latency_timer_ms * 1e6
         self._grace_ns = float(_GRACE_NS)
+        self._pauses: dict[tuple[int, int, bool], int] = {}
         self._single = _Learned(_LONGEST_DELAY_NS + latency_ns)
         self._gap = {False: _Learned(_LONGEST_DELAY_NS), True: _Learned(_LONGEST_DELAY_NS)}
 
@@ -75,9 +80,25 @@ class Patience:
             beyond_wire += (answers - 1) * self._gap[expectation.fast].limit_ns
         return self.wire_ns(expectation.total_bytes) + int(beyond_wire)
 
-    def gap_ns(self, expectation: Expectation) -> float:
-        """How long a servo usually pauses before it answers after another one; at least 0."""
-        return max(0.0, self._gap[expectation.fast].mean_ns or 0.0)
+    def pause_ns(self, expectation: Expectation) -> int:
+        """How long the answers of several servos usually take, to sleep through in one go."""
+        key = (len(expectation.ids), expectation.total_bytes, expectation.fast)
+        if key not in self._pauses:
+            if len(self._pauses) >= _MAX_PAUSES:
+                self._pauses.clear()
+            self._pauses[key] = self.wire_ns(expectation.total_bytes)
+        return self._pauses[key]
+
+    def woke(self, expectation: Expectation, *, complete: bool) -> None:
+        """Whether all was there after :meth:`pause_ns`: approaches the time at which it mostly is.
+
+        Steps down and up are as 1 to 3, so that one pause of four ends too early.
+        """
+        key = (len(expectation.ids), expectation.total_bytes, expectation.fast)
+        if key in self._pauses:
+            step_ns = -_STEP_NS if complete else 3 * _STEP_NS
+            longest_ns = self.limit_ns(expectation) - _GRACE_NS
+            self._pauses[key] = max(0, min(longest_ns, self._pauses[key] + step_ns))
 
     def completed(self, expectation: Expectation, took_ns: int) -> None:
         """Learns from answers that were complete ``took_ns`` after the instruction's last byte."""

@@ -19,6 +19,7 @@ from wackel_schemas import keys
 from wackel_schemas.bus import BusCommand, BusReply, BusRequest
 
 _LOOK_S = 0.2  # at a rate of few cycles a second, a port that is gone shall still show at once
+_PUMP_NS = 5_000_000  # where cycles leave no pause, the node's messages get a turn so often
 _OF_A_CYCLE = (Stage.COMMAND, Stage.CYCLE, Stage.PLAIN, Stage.REST)
 
 
@@ -61,13 +62,18 @@ class Poller:
         exchange = self._exchange = Exchange(port, patience, lambda: node.stopping)
         schedule.restart(monotonic_ns())
         try:
+            pumped_ns = 0
             while not node.stopping:
-                node.pump()
-                job = schedule.next(monotonic_ns())
+                now = monotonic_ns()
+                job = schedule.next(now)
                 if job is None:
                     self._publish()
                     node.pump(max(0.0, (schedule.due_ns - monotonic_ns()) / 1e9))
+                    pumped_ns = now
                     continue
+                if now - pumped_ns > _PUMP_NS:
+                    node.pump()
+                    pumped_ns = now
                 late = exchange.drain()
                 exchange.send(job.purpose, job.instruction)
                 # The time on the wire is used to publish what came before.
@@ -84,6 +90,7 @@ class Poller:
         outcome, self._unpublished = self._unpublished, None
         if outcome is not None:
             self._reporter.publish(outcome)
+            self._schedule.heard(outcome.answers)
 
     def _look(self) -> None:
         if self._exchange is None:

@@ -63,8 +63,9 @@ class Reporter:
         self._counters.cycle(took_ns)
 
     def refused(self, what: str, refusal: Refused) -> None:
-        """A command or request was not carried out."""
-        logger.warning("%s refused: %s", what, refusal)
+        """A command or request was not carried out: counted, and logged once for each reason."""
+        if refusal.reason not in self.statistics.rejected:
+            logger.warning("%s refused: %s", what, refusal)
         self._counters.refused(refusal.reason)
 
     def connected(self, baud_rate: int, latency_timer_ms: int | None) -> None:

@@ -200,8 +200,20 @@ class Schedule:
                     self._suspect(job.ids[0], ended_ns)
             case Stage.COMMAND:
                 pass
-        if job.stage is not Stage.COMMAND:
-            self._note_alerts(answers)
+
+    def heard(self, answers: Answers) -> None:
+        """Has the reason read at once when a servo begins to raise its alert bit.
+
+        Apart from :meth:`done`, because it can be called when the next job is on its way already.
+        """
+        alerted = self._alerted
+        for servo_id, error, _, _ in answers.statuses:
+            if (error >= packet.ALERT) != (servo_id in alerted) and servo_id in self._servos:
+                if error < packet.ALERT:
+                    alerted.discard(servo_id)
+                else:
+                    alerted.add(servo_id)
+                    self._urgent.append(servo_id)
 
     # The cycle.
 
@@ -375,17 +387,6 @@ class Schedule:
             return None
         instruction = packet.read(servo_id, block.address, block.length)
         return Job(Stage.SLOW, "background", instruction, (servo_id,), block)
-
-    def _note_alerts(self, answers: Answers) -> None:
-        """Reads the reason at once when a servo begins to raise its alert bit."""
-        alerted = self._alerted
-        for servo_id, error, _, _ in answers.statuses:
-            if (error >= packet.ALERT) != (servo_id in alerted):
-                if error < packet.ALERT:
-                    alerted.discard(servo_id)
-                else:
-                    alerted.add(servo_id)
-                    self._urgent.append(servo_id)
 
 
 def _read_job(stage: Stage, block: Block, ids: tuple[int, ...], *, fast: bool) -> Job:

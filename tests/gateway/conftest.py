@@ -1,0 +1,119 @@
+"""A virtual bus on a real pseudo-terminal, and a real gateway process beside it."""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from tests.conftest import Rendezvous, wait_until
+from wackel_node.config import BusConfig, RobotConfig, ServoConfig, dump
+from wackel_node.link import Link
+from wackel_schemas import keys
+from wackel_schemas.bus import BusState, BusStatistics, Transaction
+from wackel_schemas.fault import FaultReport
+from wackel_schemas.virtual import Injection
+from wackel_virtual.bus import VirtualBus
+from wackel_virtual.port import Ports
+
+IDS = (1, 2, 3, 4, 5, 6)
+
+
+@dataclass
+class Bus:
+    """A virtual bus that runs."""
+
+    config: BusConfig
+    ports: Ports
+
+    def inject(self, kind: str, servo: int | None = None, value: float | None = None) -> None:
+        injection = Injection(kind=kind, servo=servo, value=value)
+        self.ports.call(lambda buses: buses["main"].inject(injection))
+
+    def heal(self) -> None:
+        self.ports.call(lambda buses: buses["main"].heal())
+
+
+@pytest.fixture
+def bus_config(tmp_path: Path) -> BusConfig:
+    return BusConfig(
+        port=str(tmp_path / "bus"),
+        proxy_port=str(tmp_path / "proxy"),
+        return_delay_us=0,
+        servos=[ServoConfig(id=servo_id) for servo_id in IDS],
+    )
+
+
+@pytest.fixture
+def bus(bus_config: BusConfig) -> Iterator[Bus]:
+    with Ports({"main": (VirtualBus(bus_config, seed=1), Path(bus_config.port))}) as ports:
+        yield Bus(bus_config, ports)
+
+
+@dataclass
+class Gateway:
+    """A gateway process and what it has published."""
+
+    process: subprocess.Popen[bytes]
+    link: Link
+    transactions: list[Transaction] = field(default_factory=list)
+    states: list[BusState] = field(default_factory=list)
+    statistics: list[BusStatistics] = field(default_factory=list)
+    faults: list[FaultReport] = field(default_factory=list)
+
+    def listen(self) -> None:
+        self.link.subscribe(keys.TRANSACTION, lambda _, m: self.transactions.append(m))
+        self.link.subscribe(keys.STATE, lambda _, m: self.states.append(m))
+        self.link.subscribe(keys.STATISTICS, lambda _, m: self.statistics.append(m))
+        self.link.subscribe(keys.FAULT, lambda _, m: self.faults.append(m))
+
+    def wait_until(self, condition: Callable[[], bool], limit_s: float = 10.0) -> None:
+        wait_until(condition, limit_s, lambda: self.link.pump(0.02))
+
+    def answering(self, ids: tuple[int, ...]) -> Callable[[], bool]:
+        """The latest cycle has heard these servos and no other."""
+
+        def condition() -> bool:
+            cycles = [t for t in self.transactions[-40:] if len(t.expected) > 1]
+            return bool(cycles) and tuple(r.id for r in cycles[-1].response_times) == ids
+
+        return condition
+
+    def stop(self, number: int = signal.SIGTERM) -> int:
+        self.process.send_signal(number)
+        return self.process.wait(5)
+
+
+StartGateway = Callable[[BusConfig], Gateway]
+
+
+@pytest.fixture
+def start_gateway(rendezvous: Rendezvous, tmp_path: Path) -> Iterator[StartGateway]:
+    """Starts gateway processes for a bus called main, and ends them after the test."""
+    started: list[subprocess.Popen[bytes]] = []
+    links: list[Link] = []
+
+    def start(bus_config: BusConfig) -> Gateway:
+        config: RobotConfig = msgspec.structs.replace(rendezvous.config, buses={"main": bus_config})
+        path = tmp_path / "robot.toml"
+        path.write_text(dump(config), encoding="utf-8")
+        link = Link(config)
+        links.append(link)
+        command = [sys.executable, "-m", "wackel_gateway", "--config", str(path)]
+        process = subprocess.Popen(command)
+        started.append(process)
+        gateway = Gateway(process, link)
+        gateway.listen()
+        return gateway
+
+    yield start
+    for process in started:
+        if process.poll() is None:
+            process.terminate()
+            process.wait(5)
+    for link in links:
+        link.__exit__(None, None, None)

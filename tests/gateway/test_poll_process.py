@@ -1,0 +1,185 @@
+"""Mode poll on a real pseudo-terminal, with servos that go silent and adapters that come out."""
+
+import signal
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from tests.conftest import wait_until
+from tests.gateway.conftest import IDS, Bus, StartGateway
+from wackel_node.config import BusConfig
+from wackel_schemas import keys
+from wackel_schemas.bus import BusCommand, BusReply, BusRequest, ServoGoal
+
+pytestmark = pytest.mark.process
+
+
+def test_all_servos_are_read_at_the_configured_rate(bus: Bus, start_gateway: StartGateway) -> None:
+    gateway = start_gateway(bus.config)
+    gateway.wait_until(gateway.answering(IDS))
+    gateway.wait_until(lambda: len(gateway.statistics) >= 3)
+    last = gateway.statistics[-1]
+    # Slots have fixed times, so a late cycle is followed by one in time.
+    assert last.cycle_rate == pytest.approx(bus.config.rate, rel=0.1)
+    assert last.bytes_received == (
+        last.packet_bytes + last.bad_bytes + last.zero_bytes + last.stray_bytes
+    )
+    assert last.connected
+    assert [servo.id for servo in last.servos] == list(IDS)
+    state = gateway.states[-1]
+    assert state.servos[0].position is not None or state.servos[0].voltage is not None
+
+
+def test_slow_registers_come_between_the_cycles(bus: Bus, start_gateway: StartGateway) -> None:
+    gateway = start_gateway(bus.config)
+
+    def told() -> bool:
+        servos = [servo for state in gateway.states for servo in state.servos]
+        return (
+            {s.id for s in servos if s.voltage is not None}
+            == set(IDS)
+            == {s.id for s in servos if s.torque_enabled is not None}
+        )
+
+    gateway.wait_until(told)
+
+
+def test_a_silent_servo_costs_the_others_at_most_one_cycle(
+    bus: Bus, start_gateway: StartGateway
+) -> None:
+    gateway = start_gateway(bus.config)
+    gateway.wait_until(gateway.answering(IDS))
+    bus.inject("silent", servo=3)
+    rest = tuple(servo_id for servo_id in IDS if servo_id != 3)
+    gateway.wait_until(gateway.answering(rest))
+    asked = [t for t in gateway.transactions if t.purpose == "cycle" and len(t.expected) > 1]
+    first = next(
+        i
+        for i, t in enumerate(asked)
+        if 3 in t.expected and len(t.chunks) > 0 and 3 not in {r.id for r in t.response_times}
+    )
+    # The servos behind it are asked again at once, without it.
+    assert asked[first + 1].expected == [4, 5, 6]
+    assert [r.id for r in asked[first + 1].response_times] == [4, 5, 6]
+    assert any(t.purpose == "ping" and t.expected == [3] for t in gateway.transactions)
+    bus.heal()
+    gateway.wait_until(gateway.answering(IDS))
+
+
+def test_behind_a_broken_cable_every_servo_is_pinged_and_comes_back(
+    bus: Bus, start_gateway: StartGateway
+) -> None:
+    gateway = start_gateway(bus.config)
+    gateway.wait_until(gateway.answering(IDS))
+    bus.inject("break", servo=4)
+    gateway.wait_until(gateway.answering((1, 2, 3)))
+    del gateway.transactions[:]
+    gateway.wait_until(
+        lambda: {t.expected[0] for t in gateway.transactions if t.purpose == "ping"} == {4, 5, 6}
+    )
+    bus.heal()
+    gateway.wait_until(gateway.answering(IDS))
+
+
+def test_an_adapter_that_is_unplugged_is_a_fault_at_once_and_heals(
+    bus: Bus, start_gateway: StartGateway
+) -> None:
+    gateway = start_gateway(bus.config)
+    gateway.wait_until(gateway.answering(IDS))
+    bus.inject("unplugged")
+    gateway.wait_until(lambda: any(f.status == "active" for f in gateway.faults))
+    fault = gateway.faults[0]
+    assert (fault.code, fault.component) == ("adapter_unplugged", "bus/main/adapter")
+    gateway.wait_until(lambda: any(f.repeated for f in gateway.faults))
+    bus.heal()
+    gateway.wait_until(lambda: gateway.faults[-1].status == "healed")
+    del gateway.transactions[:]
+    gateway.wait_until(gateway.answering(IDS))
+    gateway.wait_until(lambda: gateway.statistics[-1].reconnects == 1)
+    assert gateway.statistics[-1].servos[0].received > 10  # counters were kept
+
+
+def test_without_an_adapter_it_waits_says_so_and_stops_at_once(
+    bus_config: BusConfig, start_gateway: StartGateway
+) -> None:
+    gateway = start_gateway(bus_config)
+    gateway.wait_until(lambda: bool(gateway.faults))
+    assert "there is no such port" in gateway.faults[0].message
+    assert gateway.stop(signal.SIGINT) == 0
+
+
+def test_commands_move_servos_and_impossible_ones_are_refused_whole(
+    bus: Bus, start_gateway: StartGateway
+) -> None:
+    gateway = start_gateway(bus.config)
+    gateway.wait_until(gateway.answering(IDS))
+    command = gateway.link.publisher(keys.COMMAND, bus="main")
+    nan = [ServoGoal(id=1, torque_enabled=True), ServoGoal(id=2, velocity=float("nan"))]
+    for goals in (
+        [ServoGoal(id=servo_id, torque_enabled=True, position=0.5) for servo_id in IDS],
+        [ServoGoal(id=99, position=0.0)],
+        nan,
+    ):
+        command.put(BusCommand(stamp=0, goals=goals))
+    gateway.wait_until(
+        lambda: any(
+            abs((servo.position or 0.0) - 0.5) < 0.02
+            for state in gateway.states[-5:]
+            for servo in state.servos
+        )
+    )
+    gateway.wait_until(lambda: any(len(told.rejected) == 2 for told in gateway.statistics))
+    last = gateway.statistics[-1]
+    assert (last.commands, last.rejected) == (1, {"unknown servo": 1, "not a number": 1})
+
+
+def test_requests_run_between_cycles_in_the_vendors_words(
+    bus: Bus, start_gateway: StartGateway
+) -> None:
+    gateway = start_gateway(bus.config)
+    gateway.wait_until(gateway.answering(IDS))
+
+    def ask(request: BusRequest) -> BusReply:
+        return gateway.link.ask(keys.BUS_REQUEST, request, bus="main", timeout_s=5)
+
+    assert ask(BusRequest(operation="ping", id=2)).value == 1030
+    read = ask(BusRequest(operation="read", id=2, register="return_delay_time"))
+    assert (read.ok, read.value) == (True, 0)
+    assert read.transaction is not None
+    assert read.transaction.purpose == "request"
+    assert ask(BusRequest(operation="write", id=2, register="led", value=1)).ok
+    assert ask(BusRequest(operation="read", id=2, register="led")).value == 1
+    assert ask(BusRequest(operation="ping", id=77)).text == (
+        "[TxRxResult] There is no status packet!"
+    )
+    refused = ask(BusRequest(operation="write", id=2, register="present_position", value=1))
+    assert (refused.ok, refused.transaction) == (False, None)
+    assert ask(BusRequest(operation="scan")).ids == list(IDS)
+    assert ask(BusRequest(operation="reboot", id=6)).ok
+    gateway.wait_until(gateway.answering(IDS))
+    gateway.wait_until(lambda: any(told.rejected for told in gateway.statistics))
+    assert gateway.statistics[-1].rejected == {"read only": 1}
+
+
+def test_fast_sync_read_is_used_where_the_firmware_knows_it(
+    bus: Bus, start_gateway: StartGateway
+) -> None:
+    gateway = start_gateway(bus.config)
+    gateway.wait_until(lambda: bool(gateway.statistics) and gateway.statistics[-1].fast_sync_read)
+    gateway.stop()
+    plain = start_gateway(msgspec.structs.replace(bus.config, fast_sync_read=False))
+    plain.wait_until(plain.answering(IDS))
+    assert {t.instruction[7] for t in plain.transactions if t.purpose == "cycle"} == {0x82}
+
+
+def test_a_gateway_that_is_killed_leaves_the_port_to_the_next(
+    bus: Bus, start_gateway: StartGateway
+) -> None:
+    first = start_gateway(bus.config)
+    first.wait_until(first.answering(IDS))
+    first.stop(signal.SIGKILL)
+    second = start_gateway(bus.config)
+    second.wait_until(second.answering(IDS))
+    assert second.stop() == 0
+    wait_until(lambda: Path(bus.config.port).exists())
