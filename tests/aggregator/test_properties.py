@@ -100,7 +100,7 @@ class Watch:
             assert health.level in ("unknown", "fault")
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.lists(st.tuples(steps, waits), max_size=40))
 def test_no_sequence_of_messages_breaks_health(sequence: list[tuple[Any, float]]) -> None:
     now = Instant(0, 1_700_000_000 * S)
@@ -138,12 +138,18 @@ def check_order(transitions: list[Transition]) -> None:
             assert transition.after != transition.before
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.lists(st.sampled_from(["active", "healed", "die", "back", "wait"]), max_size=30))
 def test_silence_never_heals(story: list[str]) -> None:
     now = Instant(0, 0)
     core = Aggregator((), None, now)
     alive, boot = True, 1
+
+    def beat() -> None:
+        life = Heartbeat(stamp=0, boot=boot, state="ready", period_s=0.5, pid=1)
+        core.heartbeat("classifier/main", life, now)
+
+    beat()
     for event in story:
         now = Instant(now.monotonic_ns + S // 4, now.utc_ns + S // 4)
         match event:
@@ -170,8 +176,7 @@ def test_silence_never_heals(story: list[str]) -> None:
             case "wait":
                 now = Instant(now.monotonic_ns + 100 * S, now.utc_ns + 100 * S)
         if alive:
-            beat = Heartbeat(stamp=0, boot=boot, state="ready", period_s=0.5, pid=1)
-            core.heartbeat("classifier/main", beat, now)
+            beat()
         before = [f.status for f in core.health(now).faults if f.code == "noise"]
         core.tick(now)
         after = [f.status for f in core.health(now).faults if f.code == "noise"]
