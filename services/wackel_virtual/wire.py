@@ -32,7 +32,8 @@ from wackel_virtual.adapter import Adapter
 from wackel_virtual.chain import Chain, voltages
 from wackel_virtual.disturbance import BitErrors, JammerStream, jammed_share, zeros
 from wackel_virtual.faults import Conditions
-from wackel_virtual.servo import CRC_ERROR, Servo
+from wackel_virtual.servo import Servo
+from wackel_virtual.table import CRC_ERROR
 
 GAP_NS = 1_500_000
 """A longer pause within an instruction makes servos drop it (e-manual, "Return Delay Time")."""
@@ -64,7 +65,7 @@ def _understand(data: bytes) -> InstructionPacket | int | None:
     return packet if isinstance(packet, InstructionPacket) else None
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _Heard:
     """An instruction on its way to the servos."""
 
@@ -77,7 +78,7 @@ class _Heard:
     missed_from: int = 1 << 30  # servos from this position on were not connected all the time
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _Group:
     """A sync or bulk read whose servos answer one after the other.
 
@@ -93,7 +94,7 @@ class _Group:
     so_far: bytes = b""  # of a fast answer
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _Sending:
     """An answer on the wire, or about to be.
 

@@ -10,9 +10,9 @@ from wackel_protocols.dynamixel2 import packet
 from wackel_protocols.dynamixel2.control_table import model, models
 from wackel_protocols.dynamixel2.packet import FactoryReset, InstructionPacket
 from wackel_virtual import VirtualBus
-from wackel_virtual.servo import (
+from wackel_virtual.servo import BOOT_NS
+from wackel_virtual.table import (
     ACCESS,
-    BOOT_NS,
     CRC_ERROR,
     DATA_LENGTH,
     DATA_LIMIT,
