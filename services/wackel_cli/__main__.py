@@ -57,7 +57,6 @@ def _run(name: str, arguments: list[str]) -> int:
     if command is None:
         print(f"wackel: {_unknown(name)}", file=sys.stderr)
         return USAGE
-    sys.argv[0] = f"wackel {name}"  # what argparse calls the program in its texts
     try:
         code: int = importlib.import_module(command.module).main(arguments)
         sys.stdout.flush()

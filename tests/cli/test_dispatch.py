@@ -1,0 +1,87 @@
+"""One program: its overview, its subcommands, its exit codes."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from wackel_cli.__main__ import main, overview
+from wackel_cli.commands import COMMANDS
+
+
+def test_the_overview_names_every_command_and_exit_code() -> None:
+    text = overview()
+    for name, command in COMMANDS.items():
+        assert f"  {name} " in text
+        assert command.help in text
+    for code in ("0 done", "1 failed", "2 wrong usage", "3 no robot", "130 interrupted"):
+        assert code in text
+    assert max(map(len, text.splitlines())) <= 90
+
+
+@pytest.mark.parametrize(("argv", "code"), [(["--help"], 0), (["-h"], 0), (["help"], 0), ([], 2)])
+def test_the_overview_is_shown_on_request_and_for_want_of_a_command(
+    argv: list[str], code: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(argv) == code
+    assert capsys.readouterr().out == overview() + "\n"
+
+
+def test_the_version_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("wackel 0.")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "hint"),
+    [("aggregatr", "did you mean aggregator?"), ("xyzzy", "wackel --help lists them")],
+)
+def test_an_unknown_command_gets_a_suggestion(
+    wrong: str, hint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([wrong]) == 2
+    assert capsys.readouterr().err == f"wackel: no command {wrong!r}; {hint}\n"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_explains_itself(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as exit_:
+        main([name, "--help"])
+    assert exit_.value.code == 0
+    text = capsys.readouterr().out
+    assert text.startswith(f"usage: wackel {name}")
+    assert len(text.splitlines()) > 5
+
+
+def test_an_expected_failure_is_one_line_with_its_own_exit_code(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "robot.toml"
+    assert main(["config", str(path)]) == 2
+    path.write_text("robot = 3")
+    assert main(["config", str(path)]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 2
+    assert lines[1].startswith(f"wackel config: {path}: robot = 3: allowed is")
+
+
+@pytest.mark.process
+def test_a_reader_that_leaves_early_ends_the_command_quietly() -> None:
+    command = [sys.executable, "-m", "wackel_cli", "schema", "Health"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == b""
+    assert process.returncode == 141
+
+
+@pytest.mark.process
+def test_the_overview_imports_nothing_that_takes_time() -> None:
+    code = (
+        "import sys; from wackel_cli.__main__ import main; main(['--help']); "
+        "sys.exit(str([m for m in ('zenoh', 'numpy', 'rich', 'msgspec') if m in sys.modules]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stderr == "[]\n"
