@@ -1,0 +1,262 @@
+"""``wackel up``: what it starts, restarts, shows, and leaves behind (nothing)."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from tests.conftest import Rendezvous, wait_until
+from wackel_cli.supervisor import (
+    FIRST_DELAY_S,
+    LONGEST_DELAY_S,
+    SOUND_LIFE_S,
+    Backoff,
+    Change,
+    Job,
+    Supervisor,
+)
+from wackel_cli.up import robot_jobs
+from wackel_node.config import BusConfig, RecorderConfig, RobotConfig, dump
+from wackel_node.link import Link, session
+from wackel_schemas import keys
+
+
+def test_the_delay_doubles_up_to_a_bound_and_is_forgotten_after_a_sound_life() -> None:
+    backoff = Backoff()
+    delays = [backoff.after(0.1) for _ in range(9)]
+    assert delays[:3] == [FIRST_DELAY_S, 2 * FIRST_DELAY_S, 4 * FIRST_DELAY_S]
+    assert delays[-1] == LONGEST_DELAY_S
+    assert backoff.after(SOUND_LIFE_S) == FIRST_DELAY_S
+
+
+def test_a_robot_consists_of_a_gateway_a_bus_and_one_of_each_other_service() -> None:
+    config = RobotConfig(buses={"left": BusConfig(port="a"), "right": BusConfig(port="b")})
+    path = Path("robot.toml")
+    names = ["gateway/left", "gateway/right", "classifier/main", "aggregator/main"]
+    assert [job.name for job in robot_jobs(config, path, False, False)] == names
+    everything = [job.name for job in robot_jobs(config, path, True, True)]
+    assert everything == ["virtual/main", *names, "recorder/main"]
+    recorded = msgspec.structs.replace(config, recorder=RecorderConfig(directory="r"))
+    assert [job.name for job in robot_jobs(recorded, path, False, False)][-1] == "recorder/main"
+    gateway = robot_jobs(config, path, False, False)[0]
+    assert gateway.arguments == ("gateway", "--config", "robot.toml", "--bus", "left")
+
+
+# Real processes from here on.
+
+
+def state(pid: int) -> str:
+    """State letter of proc(5); empty if there is no such process."""
+    with contextlib.suppress(OSError):
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0]
+    return ""
+
+
+def is_running(pid: int) -> bool:
+    return state(pid) not in ("", "Z")
+
+
+class Story:
+    """Runs a supervisor and keeps what it told."""
+
+    def __init__(self, jobs: list[Job]) -> None:
+        self.changes: list[Change] = []
+        self.supervisor = Supervisor(jobs, self.changes.append)
+
+    def wait_for(self, event: str, count: int = 1) -> Change:
+        def happened() -> list[Change]:
+            return [change for change in self.changes if change.event == event]
+
+        wait_until(lambda: len(happened()) >= count, 30.0, self.turn)
+        return happened()[count - 1]
+
+    def turn(self) -> None:
+        self.supervisor.step()
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def config(robot_config: RobotConfig) -> RobotConfig:
+    return robot_config
+
+
+@pytest.fixture
+def path(config: RobotConfig, tmp_path: Path) -> Path:
+    path = tmp_path / "robot.toml"
+    path.write_text(dump(config))
+    return path
+
+
+def aggregator(path: Path) -> Job:
+    return Job("aggregator/main", ("aggregator", "--config", str(path)))
+
+
+@pytest.mark.process
+def test_what_is_killed_is_started_again(path: Path) -> None:
+    story = Story([aggregator(path)])
+    with story.supervisor:
+        first = story.wait_for("started")
+        os.kill(first.pid, signal.SIGKILL)
+        exited = story.wait_for("exited")
+        assert (exited.pid, exited.detail) == (first.pid, "signal 9, restarting in 0.2 s")
+        assert story.wait_for("started", 2).pid != first.pid
+    assert story.changes[-1].event == "stopped"
+    assert not is_running(story.changes[-1].pid)
+
+
+@pytest.mark.process
+def test_what_fails_again_and_again_is_tried_at_growing_distance() -> None:
+    story = Story([Job("x", ("schema", "--check", "/nowhere"))])  # exit code 1
+    with story.supervisor:
+        story.wait_for("exited", 3)
+    waits = [change.detail for change in story.changes if change.event == "exited"]
+    assert waits == [f"exit code 1, restarting in {s} s" for s in ("0.2", "0.4", "0.8")]
+
+
+@pytest.mark.process
+def test_what_is_wrongly_configured_is_given_up(tmp_path: Path) -> None:
+    story = Story([aggregator(tmp_path / "none.toml")])
+    with story.supervisor:
+        assert story.wait_for("given up").detail == "wrong usage or configuration"
+        story.turn()
+    assert [change.event for change in story.changes] == ["started", "given up"]
+
+
+@pytest.mark.process
+def test_what_does_not_stop_is_killed(path: Path) -> None:
+    story = Story([aggregator(path)])
+    with story.supervisor:
+        pid = story.wait_for("started").pid
+        os.kill(pid, signal.SIGSTOP)
+        wait_until(lambda: state(pid) == "T")
+    assert [change.event for change in story.changes] == ["started", "killed"]
+    assert not is_running(pid)
+
+
+Up = Callable[..., subprocess.Popen[str]]
+
+
+@pytest.fixture
+def up(path: Path) -> Iterator[Up]:
+    """Starts ``wackel up --json``; whatever is left of it is killed in the end."""
+    started: list[subprocess.Popen[str]] = []
+
+    def up(*arguments: str) -> subprocess.Popen[str]:
+        command = [sys.executable, "-m", "wackel_cli", "up", str(path), "--json", *arguments]
+        started.append(
+            subprocess.Popen(
+                command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, bufsize=1
+            )
+        )
+        return started[-1]
+
+    yield up
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+def read_until(process: subprocess.Popen[str], name: str, event: str) -> list[dict[str, str]]:
+    """The lines up to the one that tells the event; ends when the process does."""
+    assert process.stdout is not None
+    lines = []
+    for text in process.stdout:
+        lines.append(json.loads(text))
+        if (lines[-1]["name"], lines[-1]["event"]) == (name, event):
+            return lines
+    raise AssertionError(f"{name} was never {event}: {lines}")
+
+
+def pids(lines: list[dict[str, str]]) -> list[int]:
+    return [int(line["detail"].split()[1]) for line in lines if line["event"] == "started"]
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_stops_everything(up: Up, number: signal.Signals) -> None:
+    process = up()
+    lines = read_until(process, "aggregator/main", "ready")
+    process.send_signal(number)
+    lines += read_until(process, "aggregator/main", "stopped")
+    assert process.wait(10) == 0
+    assert len(pids(lines)) == 2  # no bus: classifier and aggregator
+    assert not any(map(is_running, pids(lines)))
+
+
+@pytest.mark.process
+def test_nothing_is_left_when_up_itself_is_killed(up: Up) -> None:
+    process = up()
+    lines = read_until(process, "aggregator/main", "ready")
+    process.kill()
+    process.wait()
+    children = pids(lines)
+    assert children
+    wait_until(lambda: not any(map(is_running, children)))
+
+
+@pytest.mark.process
+def test_a_killed_service_is_told_and_back_again(up: Up) -> None:
+    process = up()
+    lines = read_until(process, "aggregator/main", "ready")
+    started = {line["name"]: line["detail"] for line in lines if line["event"] == "started"}
+    os.kill(int(started["aggregator/main"].split()[1]), signal.SIGKILL)
+    told = read_until(process, "aggregator/main", "ready")
+    events = [line["event"] for line in told if line["name"] == "aggregator/main"]
+    assert events[:2] == ["exited", "started"]
+
+
+@pytest.mark.process
+def test_a_second_up_of_the_same_robot_is_refused(up: Up) -> None:
+    first = up()
+    read_until(first, "aggregator/main", "ready")
+    second = up()
+    assert second.wait(20) == 1
+    assert second.stderr is not None
+    assert "robot testbot is up already (aggregator/main" in second.stderr.read()
+    assert first.poll() is None
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("told", [True, False])
+def test_a_rendezvous_that_listens_already_is_used(
+    up: Up, rendezvous: Rendezvous, told: bool
+) -> None:
+    process = up(*(["--external-rendezvous"] if told else []))
+    read_until(process, "aggregator/main", "ready")
+    process.terminate()
+    _, log = process.communicate(timeout=20)
+    assert ("using the rendezvous that listens" in log) is not told
+    assert rendezvous.session.is_closed() is False
+
+
+@pytest.mark.process
+def test_an_external_rendezvous_that_is_not_there_is_told(up: Up) -> None:
+    process = up("--external-rendezvous")
+    assert process.wait(20) == 3
+    assert process.stderr is not None
+    assert "no robot at tcp/127.0.0.1:" in process.stderr.read()
+
+
+@pytest.mark.process
+def test_services_go_on_without_their_rendezvous_and_find_a_new_one(
+    config: RobotConfig, path: Path
+) -> None:
+    def hear_health() -> None:
+        heard: list[str] = []
+        with session(config, "router"), Link(config) as link:
+            link.subscribe(keys.HEALTH, lambda key, _: heard.append(key))
+            wait_until(lambda: bool(heard), 20.0, lambda: link.pump(0.05))
+
+    story = Story([aggregator(path)])
+    with story.supervisor:
+        hear_health()
+        hear_health()
+    assert [change.event for change in story.changes] == ["started", "stopped"]
