@@ -13,6 +13,8 @@ Feed = Literal["adapter", "far", "both"]
 
 CABLE_OHM = 0.05
 """Of one cable: 2 x 0.2 m of 0.3 mm² copper (0.02 Ω) and four crimp contacts of some 8 mΩ."""
+OPEN_OHM = 1e9
+"""Of a cable that does not connect."""
 
 
 class Chain:
@@ -61,7 +63,7 @@ class Chain:
 def voltages(
     supply: float, feed: Feed, currents: Sequence[float], extra_ohm: Mapping[int, float]
 ) -> list[float]:
-    """Voltage at each servo of an unbroken chain.
+    """Voltage at each servo.
 
     Args:
         supply: V where it enters.

@@ -6,7 +6,7 @@ packet, at the moment its last bit has passed, so an answer of 20 servos costs 2
 Assumptions where the manual and the thesis are silent are named where they stand.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from heapq import heappop, heappush
@@ -14,29 +14,25 @@ from random import Random
 from typing import Any
 
 from wackel_node.config import BusConfig
-from wackel_protocols.dynamixel2.expectation import PING_BYTES, Expectation, expect
+from wackel_protocols.dynamixel2.expectation import PING_BYTES, Expectation
 from wackel_protocols.dynamixel2.fast import fast_prefix
 from wackel_protocols.dynamixel2.packet import (
     BROADCAST_ID,
     PREFIX_BYTES,
-    CrcError,
     Instruction,
     InstructionPacket,
-    PacketError,
     StatusPacket,
     crc,
-    decode,
 )
-from wackel_protocols.dynamixel2.scanner import Kind, Scanner
+from wackel_virtual import groups
 from wackel_virtual.adapter import Adapter
-from wackel_virtual.chain import Chain, voltages
+from wackel_virtual.chain import OPEN_OHM, Chain, voltages
 from wackel_virtual.disturbance import BitErrors, JammerStream, jammed_share, zeros
 from wackel_virtual.faults import Conditions
+from wackel_virtual.framing import Framer, Heard
 from wackel_virtual.servo import Servo
 from wackel_virtual.table import CRC_ERROR
 
-GAP_NS = 1_500_000
-"""A longer pause within an instruction makes servos drop it (e-manual, "Return Delay Time")."""
 PROCESSING_NS = 52_000
 """From the last bit of an instruction to the first of the answer, beyond Return Delay Time: with it
 a ping at 2 Mbit/s takes the 672 µs of the thesis (2.7): 50 of instruction, 500 of delay, 70 of
@@ -51,31 +47,6 @@ TTY_BYTES = 4096
 """What the operating system keeps for a reader that does not read; the rest is lost."""
 POWER_CHECK_NS = 100_000_000
 """How often servos compare their input voltage with its limits."""
-
-
-@lru_cache(maxsize=4096)
-def _understand(data: bytes) -> InstructionPacket | int | None:
-    """The instruction in ``data``; the id in it if only its CRC is wrong; None if neither."""
-    try:
-        packet = decode(data)
-    except CrcError:
-        return data[4]
-    except PacketError:
-        return None
-    return packet if isinstance(packet, InstructionPacket) else None
-
-
-@dataclass(slots=True, eq=False)
-class _Heard:
-    """An instruction on its way to the servos."""
-
-    start_ns: int
-    end_ns: int
-    baud_rate: int
-    packet: InstructionPacket | None
-    bad_crc_id: int | None
-    collided: bool = False
-    missed_from: int = 1 << 30  # servos from this position on were not connected all the time
 
 
 @dataclass(slots=True, eq=False)
@@ -171,10 +142,8 @@ class Wire:
 
         self._events: list[tuple[int, int, Callable[[int, Any], None], Any]] = []
         self._count = 0  # orders events of the same time
-        self._scanner = Scanner()
-        self._scanned = 0  # bytes that the scanner was fed
-        self._partial = False  # whether it may hold the beginning of an instruction
-        self._hearing: list[_Heard] = []
+        self._framer = Framer()
+        self._hearing: list[Heard] = []
         self._air: list[_Sending] = []
         self._listening_baud = config.baud_rate
         self._host_start_ns = 0
@@ -198,14 +167,12 @@ class Wire:
         byte_ns = _byte_ns(baud_rate)
         start = max(at_ns, self._host_end_ns)
         end = start + len(data) * byte_ns
-        if start - self._host_end_ns > GAP_NS or baud_rate != self._listening_baud:
-            self._partial = False
         self._jam_until(start)
         self._idle_ns = end
         self._listening_baud = baud_rate
         self._host_start_ns, self._host_end_ns = start, end
         collided = self._collide(start, end)
-        for heard in self._parse(self._noise.apply(data), start, byte_ns, baud_rate):
+        for heard in self._framer.take(self._noise.apply(data), start, byte_ns, baud_rate):
             heard.collided = collided
             self._hearing.append(heard)
             self.schedule(heard.end_ns, self._hear, heard)
@@ -294,31 +261,7 @@ class Wire:
 
     # Host to servos.
 
-    def _parse(self, data: bytes, start: int, byte_ns: int, baud_rate: int) -> list[_Heard]:
-        """The instructions that end within these bytes."""
-        if not self._partial:
-            understood = _understand(data)
-            if understood is not None:
-                end = start + len(data) * byte_ns
-                if isinstance(understood, InstructionPacket):
-                    return [_Heard(start, end, baud_rate, understood, None)]
-                return [_Heard(start, end, baud_rate, None, understood)]
-            self._scanner = Scanner()
-            self._scanned = 0
-            self._partial = True
-        offset = self._scanned
-        self._scanned += len(data)
-        heard = []
-        for segment in self._scanner.feed(data):
-            first = start + (segment.start - offset) * byte_ns
-            last = start + (segment.end - offset) * byte_ns
-            if segment.kind is Kind.PACKET and isinstance(segment.packet, InstructionPacket):
-                heard.append(_Heard(first, last, baud_rate, segment.packet, None))
-            elif segment.kind is Kind.BAD_CRC:
-                heard.append(_Heard(first, max(last, start), baud_rate, None, segment.id))
-        return heard
-
-    def _hear(self, at_ns: int, heard: _Heard) -> None:
+    def _hear(self, at_ns: int, heard: Heard) -> None:
         self._hearing.remove(heard)
         packet, conditions = heard.packet, self._conditions
         jammers = self._jammers(conditions.rhythmic)
@@ -342,7 +285,7 @@ class Wire:
             servo.note_instruction(at_ns)
         self._obey(heard, packet, listening)
 
-    def _listening(self, heard: _Heard) -> list[Servo]:
+    def _listening(self, heard: Heard) -> list[Servo]:
         """The servos that have heard the whole instruction."""
         chain, baud_rate, start = self._chain, heard.baud_rate, heard.start_ns
         return [
@@ -353,7 +296,7 @@ class Wire:
             and chain.powered[position]
         ]
 
-    def _obey(self, heard: _Heard, packet: InstructionPacket, listening: list[Servo]) -> None:
+    def _obey(self, heard: Heard, packet: InstructionPacket, listening: list[Servo]) -> None:
         at_ns = heard.end_ns
         if packet.id != BROADCAST_ID:
             for servo in listening:
@@ -362,35 +305,27 @@ class Wire:
                     if status is not None:
                         self._answer(servo, heard, *status)
             return
-        match packet.instruction:
-            case Instruction.PING:
-                for servo in listening:
-                    status = servo.execute(packet, at_ns)
-                    if status is not None:
-                        slot = PING_SLOT_NS + PING_BYTES * _byte_ns(heard.baud_rate)
-                        self._answer(servo, heard, *status, wait_ns=servo.id * slot)
-            case (
-                Instruction.SYNC_READ
-                | Instruction.BULK_READ
-                | Instruction.FAST_SYNC_READ
-                | Instruction.FAST_BULK_READ
-            ):
-                self._begin_group(heard, packet, listening)
-            case Instruction.SYNC_WRITE | Instruction.BULK_WRITE:
-                by_id = {servo.id: servo for servo in listening}
-                sync = packet.instruction == Instruction.SYNC_WRITE
-                pieces = _sync_pieces if sync else _bulk_pieces
-                for servo_id, address, data in pieces(packet.parameters):
-                    if servo_id in by_id:
-                        by_id[servo_id].write(address, data, at_ns)
-            case _:
-                for servo in listening:
-                    servo.execute(packet, at_ns)
+        if packet.instruction == Instruction.PING:
+            for servo in listening:
+                status = servo.execute(packet, at_ns)
+                if status is not None:
+                    slot = PING_SLOT_NS + PING_BYTES * _byte_ns(heard.baud_rate)
+                    self._answer(servo, heard, *status, wait_ns=servo.id * slot)
+        elif packet.instruction in groups.READS:
+            self._begin_group(heard, packet, listening)
+        elif packet.instruction in groups.WRITES:
+            by_id = {servo.id: servo for servo in listening}
+            for servo_id, address, data in groups.writes(packet):
+                if servo_id in by_id:
+                    by_id[servo_id].write(address, data, at_ns)
+        else:
+            for servo in listening:
+                servo.execute(packet, at_ns)
 
     # Servos to host.
 
     def _answer(
-        self, servo: Servo, heard: _Heard, error: int, parameters: bytes, wait_ns: int = 0
+        self, servo: Servo, heard: Heard, error: int, parameters: bytes, wait_ns: int = 0
     ) -> None:
         # A servo that was just given another id or baud rate still answers with the old one.
         broadcast = heard.packet is not None and heard.packet.id == BROADCAST_ID
@@ -399,10 +334,8 @@ class Wire:
         start_ns = heard.end_ns + wait_ns + PROCESSING_NS + servo.return_delay_ns
         self._send(servo, start_ns, _byte_ns(heard.baud_rate), status, None)
 
-    def _begin_group(
-        self, heard: _Heard, packet: InstructionPacket, listening: list[Servo]
-    ) -> None:
-        plan = _group_plan(packet)
+    def _begin_group(self, heard: Heard, packet: InstructionPacket, listening: list[Servo]) -> None:
+        plan = groups.reads(packet)
         if plan is None:
             return
         expectation, reads = plan
@@ -482,7 +415,9 @@ class Wire:
         self._arrive(at_ns, position, sending, data)
         # A successor counts its predecessor's packet by its head: an assumption, since the manual
         # only says that it waits for it.
-        if sending.group is not None and data[:PREFIX_BYTES] == sending.data[:PREFIX_BYTES]:
+        if sending.group is None or not self._chain.powered[position]:
+            return
+        if data[:PREFIX_BYTES] == sending.data[:PREFIX_BYTES]:
             self._pass_turn(at_ns, sending.group, position)
 
     def _pass_turn(self, at_ns: int, group: _Group, position: int) -> None:
@@ -619,54 +554,21 @@ class Wire:
         """Tell the servos their input voltage."""
         self._power_checked_ns = at_ns
         conditions = self._conditions
-        supply = conditions.supply_volts or self._nominal_volts
-        currents = [servo.drawn_amperes(at_ns) for servo in self.servos]
-        volts = voltages(supply, self._chain.feed, currents, conditions.extra_ohm)
+        chain, supply = self._chain, conditions.supply_volts
+        currents = [
+            servo.drawn_amperes(at_ns) if powered else 0.0
+            for servo, powered in zip(self.servos, chain.powered, strict=True)
+        ]
+        ohm = conditions.extra_ohm | dict.fromkeys(conditions.open_cables, OPEN_OHM)
+        volts = voltages(
+            self._nominal_volts if supply is None else supply, chain.feed, currents, ohm
+        )
         for position, servo in enumerate(self.servos):
-            servo.feel_voltage(conditions.servo_volts.get(position, volts[position]), at_ns)
-
-
-@lru_cache(maxsize=256)
-def _group_plan(
-    packet: InstructionPacket,
-) -> tuple[Expectation, tuple[tuple[int, int], ...]] | None:
-    """Who answers a sync or bulk read, with (address, length) for each; None if malformed."""
-    expectation = expect(packet.encode())
-    if not expectation.ids:
-        return None
-    parameters = packet.parameters
-    if packet.instruction in (Instruction.SYNC_READ, Instruction.FAST_SYNC_READ):
-        addresses = [_word(parameters)] * len(expectation.ids)
-    else:
-        addresses = [_word(parameters[i + 1 :]) for i in range(0, len(parameters), 5)]
-    return expectation, tuple(zip(addresses, expectation.data_lengths, strict=True))
+            if chain.powered[position]:
+                servo.feel_voltage(conditions.servo_volts.get(position, volts[position]), at_ns)
 
 
 @lru_cache(maxsize=64)
 def _byte_ns(baud_rate: int) -> int:
     """Start bit, eight data bits, stop bit."""
     return round(10e9 / baud_rate)
-
-
-def _word(data: bytes) -> int:
-    return data[0] | data[1] << 8
-
-
-def _sync_pieces(data: bytes) -> Iterator[tuple[int, int, bytes]]:
-    """(id, address, data) of a sync write; an incomplete piece at the end is ignored."""
-    if len(data) < 4:
-        return
-    address, step = _word(data), 1 + _word(data[2:])
-    for start in range(4, len(data) - step + 1, step):
-        yield data[start], address, data[start + 1 : start + step]
-
-
-def _bulk_pieces(data: bytes) -> Iterator[tuple[int, int, bytes]]:
-    """(id, address, data) of a bulk write; an incomplete piece at the end is ignored."""
-    start = 0
-    while start + 5 <= len(data):
-        end = start + 5 + _word(data[start + 3 :])
-        if end > len(data):
-            return
-        yield data[start], _word(data[start + 1 :]), data[start + 5 : end]
-        start = end

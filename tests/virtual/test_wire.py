@@ -11,7 +11,8 @@ from wackel_protocols.dynamixel2.expectation import expect
 from wackel_protocols.dynamixel2.fast import parse_fast
 from wackel_protocols.dynamixel2.packet import BROADCAST_ID
 from wackel_virtual import VirtualBus
-from wackel_virtual.wire import GAP_NS, JITTER_NS, PROCESSING_NS, TURN_NS
+from wackel_virtual.framing import GAP_NS
+from wackel_virtual.wire import JITTER_NS, PROCESSING_NS, TURN_NS
 
 PING_ALL = packet.ping(BROADCAST_ID)
 
