@@ -5,7 +5,7 @@ import json
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -98,12 +98,6 @@ def rendezvous(config: RobotConfig, external: bool = False) -> Iterator[Link]:
 
 def run(link: Link, jobs: list[Job], show: Callable[[str, str, str], None]) -> None:
     """Runs jobs until a signal; tells every change of a process, a service or health."""
-    stopping = False
-
-    def stop(*_: object) -> None:
-        nonlocal stopping
-        stopping = True
-        link.wake()
 
     def on_change(change: Change) -> None:
         show(change.name, change.event, f"pid {change.pid} {change.detail}".strip())
@@ -126,23 +120,32 @@ def run(link: Link, jobs: list[Job], show: Callable[[str, str, str], None]) -> N
 
     link.subscribe(keys.ALIVE, on_heartbeat)
     link.subscribe(keys.HEALTH, on_health)
-    handlers = {
-        signal.SIGINT: stop,
-        signal.SIGTERM: stop,
-        signal.SIGHUP: stop,
-        signal.SIGCHLD: lambda *_: link.wake(),
-    }
-    with _handling(handlers), Supervisor(jobs, on_change) as supervisor:
-        while not stopping:
+    with stopped_by_signals(link) as stopped, Supervisor(jobs, on_change) as supervisor:
+        while not stopped():
             link.pump(supervisor.wait_s())
             supervisor.step()
 
 
 @contextmanager
-def _handling(handlers: Mapping[signal.Signals, Callable[..., None]]) -> Iterator[None]:
+def stopped_by_signals(link: Link) -> Iterator[Callable[[], bool]]:
+    """Gives a function that tells whether a signal asks to stop.
+
+    Signals, and the death of a child, also end a waiting :meth:`Link.pump`.
+    """
+    stopping = False
+
+    def stop(*_: object) -> None:
+        nonlocal stopping
+        stopping = True
+        link.wake()
+
+    handlers: dict[signal.Signals, Callable[..., None]] = dict.fromkeys(
+        (signal.SIGINT, signal.SIGTERM, signal.SIGHUP), stop
+    )
+    handlers[signal.SIGCHLD] = lambda *_: link.wake()
     previous = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:
-        yield
+        yield lambda: stopping
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)

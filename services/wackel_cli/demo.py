@@ -1,0 +1,276 @@
+"""``wackel demo``: a virtual chain of servos; every ten seconds a fault is injected and named."""
+
+import argparse
+import socket
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Literal
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.text import Text
+
+from wackel_cli.robot_model import RobotModel
+from wackel_cli.robot_screen import render
+from wackel_cli.supervisor import Change, Supervisor
+from wackel_cli.top import follow
+from wackel_cli.up import rendezvous, robot_jobs, stopped_by_signals
+from wackel_node import log
+from wackel_node.config import RobotConfig, load
+from wackel_node.errors import FAILED, OK
+from wackel_node.keyboard import Keyboard
+from wackel_node.link import Link
+from wackel_schemas.bus import BusRequest
+from wackel_schemas.health import FaultRecord
+from wackel_schemas.keys import BUS_REQUEST, VIRTUAL_REQUEST
+from wackel_schemas.virtual import Injection, VirtualRequest
+
+BUS = "main"
+PERIOD_S = 10.0
+SHOWN_S = 6.0  # how long a fault stays at least, so that one can read it
+LIMIT_S = 15.0  # a loose contact may take ten seconds to be told from ordinary loss
+SERVOS = 12
+_REDRAW_S = 0.25
+_STORY_LINES = 5
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One fault of the demonstration.
+
+    Attributes:
+        story: What is done to the virtual robot, in words.
+        injection: The same for the virtual robot.
+        codes: Any of these names it rightly.
+        reboot: Servo that has to be rebooted after the repair.
+    """
+
+    story: str
+    injection: Injection
+    codes: tuple[str, ...]
+    reboot: int | None = None
+
+
+def _at(kind: str, servo: int | None = None) -> Injection:
+    return Injection(kind=kind, servo=servo)
+
+
+EPISODES = (
+    Episode("someone pulls the cable to servo 5", _at("break", 5), ("cable_break",)),
+    Episode("servo 3 falls silent", _at("silent", 3), ("servo_silent",)),
+    Episode(
+        "the cable to servo 8 gets a loose contact",
+        Injection(kind="loose_contact", servo=8, value=10.0),
+        ("loose_contact",),
+    ),
+    Episode(
+        "a damaged servo pulls the bus low between packets",
+        _at("rhythmic_jammer"),
+        ("rhythmic_jammer",),
+    ),
+    Episode("servo 7 is overloaded", _at("overload", 7), ("overload",), reboot=7),
+    Episode("servo 4 becomes slow", _at("slow", 4), ("slow_servo",)),
+    Episode("a damaged servo writes without pause", _at("permanent_jammer"), ("permanent_jammer",)),
+    Episode(
+        "the power contact of the cable to servo 6 corrodes",
+        _at("contact_resistance", 6),
+        ("contact_resistance",),
+    ),
+    Episode("the battery is disconnected", _at("power_off"), ("no_power", "lost_signal")),
+    Episode("the USB adapter is unplugged", _at("unplugged"), ("adapter_unplugged",)),
+)
+
+
+def main(argv: list[str]) -> int:
+    """Runs the demonstration; returns 1 if a fault was not named in time."""
+    parser = argparse.ArgumentParser(
+        prog="wackel demo",
+        description="Shows what wackel does, without hardware: a virtual chain of 12 servos on a "
+        "pseudo-terminal, all services as processes, and every ten seconds a new fault that is "
+        "injected, named and healed. q or Ctrl-C ends it and leaves nothing behind.",
+        epilog="While it runs, its robot can be looked at from elsewhere: see the line `look`.",
+    )
+    parser.add_argument("--plain", action="store_true", help="lines of text instead of the view")
+    parser.add_argument(
+        "--faults", type=int, metavar="N", help="end after N faults (default: go on until stopped)"
+    )
+    arguments = parser.parse_args(argv)
+    console = Console(highlight=False)
+    plain = arguments.plain or not console.is_terminal
+    with TemporaryDirectory(prefix="wackel-demo-") as directory:
+        path = _write_config(Path(directory))
+        config = load(path)
+        with (
+            (Path(directory) / "services.log").open("w", encoding="utf-8") as services_log,
+            rendezvous(config) as link,
+            stopped_by_signals(link) as stopped,
+            Supervisor(
+                robot_jobs(config, path, virtual=True, record=False),
+                on_change=_note,
+                output=services_log,
+            ) as supervisor,
+        ):
+            log.set_up("demo")
+            show = Show(link, config, arguments.faults)
+            show.tell(f"look: wackel top --config {path}")
+            view = _plain if plain else _live
+
+            def going_on() -> bool:
+                supervisor.step()
+                show.step(time.monotonic())
+                return not (stopped() or show.over)
+
+            view(show, console, going_on)
+    return FAILED if show.missed else OK
+
+
+def _note(_: Change) -> None:
+    """Starts and ends of processes show in health."""
+
+
+class Show:
+    """The course of the demonstration: inject, wait to be named, heal, wait to be healed.
+
+    Attributes:
+        model: What the robot's topics say.
+        story: What has happened so far, a line each, newest last.
+        missed: Faults that were not named within their time.
+        over: All the faults that were asked for have been shown.
+    """
+
+    def __init__(self, link: Link, config: RobotConfig, faults: int | None) -> None:
+        self.model = RobotModel(config)
+        self.link = link
+        self.story: list[str] = []
+        self.missed = 0
+        self.over = False
+        self._left = faults
+        self._begin_s = time.monotonic()
+        self._next = 0
+        self._episode: Episode | None = None
+        self._injected_s = -PERIOD_S
+        self._named = False
+        self._known: set[tuple[str, str, int]] = set()
+        follow(link, self.model)
+
+    def tell(self, line: str) -> None:
+        """Adds a line to the story."""
+        self.story.append(f"{time.monotonic() - self._begin_s:6.1f} s  {line}")
+
+    def step(self, now_s: float) -> None:
+        """Does what is due."""
+        if self._episode is None:
+            if self._left == 0:
+                self.over = True
+            elif self._is_well() and now_s - self._injected_s >= PERIOD_S:
+                self._inject(EPISODES[self._next % len(EPISODES)], now_s)
+            return
+        if not self._named:
+            self._look_for(self._episode, now_s)
+        if now_s - self._injected_s >= (SHOWN_S if self._named else LIMIT_S):
+            self._heal(self._episode)
+
+    def _is_well(self) -> bool:
+        health = self.model.health
+        return health is not None and health.level == "ok"
+
+    def _inject(self, episode: Episode, now_s: float) -> None:
+        self._known = {_occurrence(fault) for fault in self.model.faults("confirmed", "healed")}
+        self._ask("inject", episode.injection)
+        self._episode, self._injected_s, self._named = episode, now_s, False
+        self.tell(f"now {episode.story}")
+
+    def _look_for(self, episode: Episode, now_s: float) -> None:
+        for fault in self.model.faults("confirmed"):
+            if fault.code in episode.codes and _occurrence(fault) not in self._known:
+                self._named = True
+                took_s = now_s - self._injected_s
+                self.tell(f"wackel after {took_s:.2f} s: {fault.message}")
+                self.tell(f"  → {fault.remedy}")
+                return
+
+    def _heal(self, episode: Episode) -> None:
+        if not self._named:
+            self.missed += 1
+            self.tell("wackel has not named it in time")
+        self._ask("heal", episode.injection)
+        if episode.reboot is not None:
+            self.link.ask(BUS_REQUEST, BusRequest(operation="reboot", id=episode.reboot), bus=BUS)
+        self.tell("the demo has repaired it")
+        self._episode = None
+        self._next += 1
+        if self._left is not None:
+            self._left -= 1
+
+    def _ask(self, operation: Literal["inject", "heal"], injection: Injection) -> None:
+        self.link.ask(VIRTUAL_REQUEST, VirtualRequest(operation=operation, injection=injection))
+
+
+def _occurrence(fault: FaultRecord) -> tuple[str, str, int]:
+    return fault.code, fault.component, fault.occurrences
+
+
+def _plain(show: Show, console: Console, going_on: Callable[[], bool]) -> None:
+    told = 0
+    while going_on():
+        for line in show.story[told:]:
+            console.print(line)
+        told = len(show.story)
+        show.link.pump(_REDRAW_S)
+
+
+def _live(show: Show, console: Console, going_on: Callable[[], bool]) -> None:
+    with (
+        Keyboard() as keyboard,
+        Live(console=console, screen=True, auto_refresh=False, transient=True) as live,
+    ):
+        due_s = 0.0
+        while going_on() and "q" not in keyboard.typed():
+            show.link.pump(_REDRAW_S)
+            now_s = time.monotonic()
+            if now_s >= due_s:
+                due_s = now_s + _REDRAW_S
+                live.update(Group(*_screen(show, now_s, *console.size)), refresh=True)
+
+
+def _screen(show: Show, now_s: float, width: int, height: int) -> list[Text]:
+    """The robot, and below it the latest of the story."""
+    story = [Text(line, style="cyan", overflow="ellipsis") for line in show.story[-_STORY_LINES:]]
+    for line in story:
+        line.truncate(width, overflow="ellipsis")
+    return [*render(show.model, now_s, width, height - len(story)), *story]
+
+
+def _write_config(directory: Path) -> Path:
+    """A robot.toml whose ports, state and rendezvous are of this demonstration alone."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    servos = "\n".join(f"    {{ id = {i}, model = 'XM430-W210' }}," for i in range(1, SERVOS + 1))
+    path = directory / "robot.toml"
+    path.write_text(
+        f"""robot = "demo"
+state_directory = "{directory}"
+
+[zenoh]
+endpoint = "tcp/127.0.0.1:{port}"
+
+[buses.{BUS}]
+port = "{directory}/bus"
+rate = 100.0
+nominal_voltage = 12.0
+servos = [
+{servos}
+]
+""",
+        encoding="utf-8",
+    )
+    return path
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
