@@ -240,10 +240,10 @@ class Wire:
         if connected or powered != self._chain.powered:
             self._cut(at_ns, near, powered)
             self._change_power(at_ns, powered)
-        if spark is not None:
+        if spark is None and (connected or conditions.powered != before.powered):
+            spark = zeros(self._random)
+        if spark:
             self._throw(at_ns, spark)
-        elif connected or conditions.powered != before.powered:
-            self._receive(at_ns, zeros(self._random))
         self._noise.set_rate(conditions.bit_error_rate)
         latency_ms = conditions.latency_ms
         self._adapter.latency_ms = self._latency_ms if latency_ms is None else latency_ms
@@ -507,9 +507,7 @@ class Wire:
         self._receive(start + kept * byte_ns, self._jammer.take(kept))
 
     def _throw(self, at_ns: int, spark: bytes) -> None:
-        """A contact sparks: into the answer on the wire, or on the idle bus."""
-        if not spark:
-            return
+        """Stray bytes appear: in the answer on the wire, or on the idle bus."""
         for sending in self._air:
             if sending.start_ns <= at_ns < sending.end_ns:
                 index = sending.index(at_ns)

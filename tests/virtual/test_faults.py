@@ -91,6 +91,26 @@ def test_supply_from_both_ends_keeps_servos_behind_a_break_running():
     assert read(on, "torque_enable", 5) == 1
 
 
+def test_a_break_in_the_middle_of_an_answer_cuts_it_and_silences_the_rest():
+    on = bus(5)
+    on.transmit(MS, READ_ALL, 1_000_000)
+    third_ns = len(READ_ALL) * 10_000 + 470_000  # since the request began
+    inject(on, "break", servo=3, start_s=third_ns / 1e9)
+    kinds = [segment.kind for segment in scan(raw(on.deliveries(50 * MS)))]
+    assert kinds[:2] == [Kind.PACKET, Kind.PACKET]
+    assert kinds[2:]
+    assert Kind.PACKET not in kinds[2:]
+
+
+def test_supply_at_both_ends_holds_the_voltage_on_both_sides_of_a_break():
+    on = bus(6, power="both")
+    inject(on, "break", servo=4)
+    wait(on, 0.2)
+    assert read(on, "present_input_voltage", 3) == pytest.approx(120, abs=1)
+    inject(on, "undervoltage", value=0.0)
+    assert read(on, "present_input_voltage", 3) == pytest.approx(0, abs=1)
+
+
 def test_a_silent_servo_leaves_no_trace_but_hears():
     on = bus(5)
     inject(on, "silent", servo=3)
