@@ -1,6 +1,7 @@
 """Every key expression of wackel and the message behind it; nothing else spells a key."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Generic, Literal, TypeVar
 
 from wackel_schemas.bus import (
@@ -96,6 +97,7 @@ QUERIES: tuple[Query[Record, Message], ...] = (  # type: ignore[assignment]
 )
 
 
+@lru_cache(maxsize=1024)  # asked for every message; strangers' keys are soon forgotten
 def topic_of(key: str) -> "Topic[Message] | None":
     """The topic that a key below the robot's name belongs to; ``None`` for a foreign key."""
     parts = key.split("/")

@@ -1,0 +1,150 @@
+"""``wackel replay``: a recording diagnosed anew, as fast as it goes."""
+
+import argparse
+import sys
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TextIO
+
+import msgspec
+from rich.console import Console
+from rich.progress import Progress
+
+from wackel_cli.comparison import differences
+from wackel_cli.diagnosis import Diagnosis
+from wackel_cli.lines import printable
+from wackel_node.arguments import add_config
+from wackel_node.config import RobotConfig, load, parse
+from wackel_node.errors import FAILED, OK, Explained
+from wackel_recording.reader import Entry, Recording, open_recordings
+from wackel_schemas.fault import FaultReport
+
+_PATIENCE_S = 2.0
+_LOOK_EVERY = 1000  # entries between two looks at the clock: well below a tenth of a second
+
+
+class NotComparable(Explained, ValueError):
+    """The recording holds nothing to compare with."""
+
+
+class NotWritable(Explained, OSError):
+    """The reports cannot be written where they should go."""
+
+
+def main(argv: list[str]) -> int:
+    """Runs the command; returns its exit code."""
+    arguments = _parser().parse_args(argv)
+    recordings = open_recordings(arguments.files)
+    with ExitStack() as stack:
+        output = _open(arguments.output, stack)
+        same = True
+        for recording in recordings:
+            same = _replay(recording, arguments, output) and same
+    return OK if same else FAILED
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="wackel replay",
+        description="Diagnoses recordings anew, with this version of wackel, and prints every "
+        "fault that begins, changes or heals. Runs as fast as it goes; the same recording always "
+        "gives the same output.",
+        epilog="Exit code 1 if --compare finds a difference.",
+    )
+    parser.add_argument("files", metavar="FILE", nargs="+", type=Path, help="of a recording")
+    add_config(parser)
+    parser.set_defaults(config=None)
+    parser.add_argument(
+        "--compare",
+        action="store_true",
+        help="compare with what the live classifier concluded in the same recording",
+    )
+    parser.add_argument("--json", action="store_true", help="whole reports as JSON lines")
+    parser.add_argument(
+        "-o", "--output", metavar="FILE", type=Path, help="also write them as JSON lines to FILE"
+    )
+    return parser
+
+
+def _open(path: Path | None, stack: ExitStack) -> TextIO | None:
+    if path is None:
+        return None
+    try:
+        return stack.enter_context(path.open("w", encoding="utf-8"))
+    except OSError as error:
+        raise NotWritable(f"{path}: {error.strerror}") from error
+
+
+def _config(arguments: argparse.Namespace, recording: Recording) -> RobotConfig:
+    if arguments.config is not None:
+        return load(arguments.config)
+    return parse(recording.about.config, str(recording.files[0].path))
+
+
+def _replay(recording: Recording, arguments: argparse.Namespace, output: TextIO | None) -> bool:
+    """Whether nothing differs."""
+    diagnosis = Diagnosis(_config(arguments, recording))
+    started_s = time.monotonic()
+    for report in diagnosis.run(_with_progress(recording.entries(Diagnosis.wants), recording)):
+        line = msgspec.json.encode(report).decode()
+        if output is not None:
+            print(line, file=output)
+        print(line if arguments.json else _line(report, diagnosis.first_ns or 0))
+    _summarise(diagnosis, recording, time.monotonic() - started_s)
+    return not arguments.compare or _compare(diagnosis, recording, arguments.json)
+
+
+def _line(report: FaultReport, start_ns: int) -> str:
+    return printable(
+        f"{(report.stamp - start_ns) / 1e9:10.3f} s  {report.status:<6}  {report.code:<18} "
+        f"{report.confidence:4.0%}  {report.message}"
+    )
+
+
+def _with_progress(entries: Iterable[Entry], recording: Recording) -> Iterator[Entry]:
+    """The same entries; on a terminal, after a while, with a bar."""
+    started_s = time.monotonic()
+    with Progress(console=Console(stderr=True), transient=True, auto_refresh=False) as progress:
+        progress.stop()
+        task = progress.add_task("", total=1.0)
+        for number, entry in enumerate(entries, 1):
+            yield entry
+            if number % _LOOK_EVERY == 0 and time.monotonic() - started_s > _PATIENCE_S:
+                progress.start()
+                progress.update(task, completed=recording.progress, refresh=True)
+
+
+def _summarise(diagnosis: Diagnosis, recording: Recording, took_s: float) -> None:
+    """What is not a conclusion goes to stderr, so that the output is always the same."""
+    span_s = diagnosis.span_ns / 1e9
+    print(
+        f"{recording.files[0].path}: {len(diagnosis.reports)} changes in {diagnosis.transactions} "
+        f"transactions of {span_s:.1f} s; took {took_s:.2f} s, {span_s / took_s:.0f} times real "
+        "time",
+        file=sys.stderr,
+    )
+    for key, (count, reason) in diagnosis.skipped.items():
+        print(printable(f"  {key}: {count} messages not used: {reason}"), file=sys.stderr)
+    for text in recording.damage:
+        print(f"  {text}", file=sys.stderr)
+
+
+def _compare(diagnosis: Diagnosis, recording: Recording, json: bool) -> bool:
+    """Prints what differs; whether nothing does."""
+    if not (diagnosis.heartbeats or diagnosis.live):
+        raise NotComparable(f"{recording.files[0].path}: no live classifier was recorded")
+    if any(heartbeat.received for heartbeat in diagnosis.heartbeats.values()):
+        print("  the live classifier knew what came before the recording", file=sys.stderr)
+    if len(diagnosis.heartbeats) > 1:
+        print("  the live classifier was restarted and had to forget", file=sys.stderr)
+    found = differences(diagnosis.live, diagnosis.reports_heard())
+    for difference in found:
+        print(msgspec.json.encode(difference).decode() if json else printable(str(difference)))
+    print(f"  {len(found)} differences from {len(diagnosis.live)} live reports", file=sys.stderr)
+    return not found
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
