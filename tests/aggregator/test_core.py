@@ -25,7 +25,7 @@ Life = Literal["starting", "ready", "stopping", "crashed"]
 def report(
     code: str = "servo_silent",
     component: str = "bus/main/servo/3",
-    status: str = "active",
+    status: Literal["active", "healed"] = "active",
     boot: int = CLASSIFIER_BOOT,
 ) -> FaultReport:
     return FaultReport(
