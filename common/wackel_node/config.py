@@ -1,6 +1,6 @@
 """The robot's configuration, ``robot.toml``: types, defaults, and errors a person understands.
 
-Every default stands here and nowhere else; ``wackel config`` prints them.
+Every default stands here or in ``config_drive`` and nowhere else; ``wackel config`` prints them.
 """
 
 import tomllib
@@ -10,19 +10,14 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
+from wackel_node.config_drive import DriveConfig, GyroConfig, drive_problem
 from wackel_node.config_errors import first_problem
+from wackel_node.config_types import Name, Positive, Section, ServoId, Share
 from wackel_node.errors import USAGE, Explained
 from wackel_node.toml_text import toml_text
 
 BAUD_RATES = (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
 
-Name = Annotated[
-    str,
-    Meta(
-        pattern=r"^[a-z0-9][a-z0-9_-]*\Z",
-        extra={"words": "a name of a-z, 0-9, - and _ that starts with a letter or digit"},
-    ),
-]
 Endpoint = Annotated[
     str,
     Meta(
@@ -31,8 +26,6 @@ Endpoint = Annotated[
     ),
 ]
 BaudRate = Annotated[int, Meta(extra={"values": BAUD_RATES})]
-Positive = Annotated[float, Meta(gt=0)]
-Share = Annotated[float, Meta(ge=0, le=1)]
 
 
 class ConfigError(Explained, ValueError):
@@ -41,11 +34,7 @@ class ConfigError(Explained, ValueError):
     exit_code = USAGE
 
 
-class _Section(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=True):
-    """A table of the file."""
-
-
-class ServoConfig(_Section, kw_only=True, frozen=True):
+class ServoConfig(Section, kw_only=True, frozen=True):
     """One servo of a chain.
 
     Attributes:
@@ -54,12 +43,12 @@ class ServoConfig(_Section, kw_only=True, frozen=True):
         role: What it moves, in the builder's words.
     """
 
-    id: Annotated[int, Meta(ge=0, le=252)]
+    id: ServoId
     model: str = "XM430-W210"
     role: str = ""
 
 
-class BusConfig(_Section, kw_only=True, frozen=True):
+class BusConfig(Section, kw_only=True, frozen=True):
     """One servo bus.
 
     Attributes:
@@ -96,7 +85,7 @@ class BusConfig(_Section, kw_only=True, frozen=True):
         return tuple(servo.id for servo in self.servos)
 
 
-class LooseContactConfig(_Section, kw_only=True, frozen=True):
+class LooseContactConfig(Section, kw_only=True, frozen=True):
     """When intermittent loss is a loose contact (thesis, 3.5 and 4).
 
     Attributes:
@@ -114,7 +103,7 @@ class LooseContactConfig(_Section, kw_only=True, frozen=True):
     evenness: Share = 0.1
 
 
-class ClassifierConfig(_Section, kw_only=True, frozen=True):
+class ClassifierConfig(Section, kw_only=True, frozen=True):
     """Thresholds of the bus fault classifier that have a physical meaning.
 
     Attributes:
@@ -128,7 +117,7 @@ class ClassifierConfig(_Section, kw_only=True, frozen=True):
     loose_contact: LooseContactConfig = LooseContactConfig()
 
 
-class ZenohConfig(_Section, kw_only=True, frozen=True):
+class ZenohConfig(Section, kw_only=True, frozen=True):
     """How the processes meet.
 
     Attributes:
@@ -140,7 +129,7 @@ class ZenohConfig(_Section, kw_only=True, frozen=True):
     lease_ms: Annotated[int, Meta(ge=100, le=60_000)] = 1000
 
 
-class RecorderConfig(_Section, kw_only=True, frozen=True):
+class RecorderConfig(Section, kw_only=True, frozen=True):
     """Recordings of ``wackel up``.
 
     Attributes:
@@ -153,12 +142,14 @@ class RecorderConfig(_Section, kw_only=True, frozen=True):
     max_s: Positive = 3600.0
 
 
-class RobotConfig(_Section, kw_only=True, frozen=True):
+class RobotConfig(Section, kw_only=True, frozen=True):
     """The whole file.
 
     Attributes:
         robot: The robot's name, the second chunk of every key.
         buses: By name.
+        drive: The wheels; absent: no odometry.
+        gyros: By name.
         zenoh, classifier, recorder: Sections of the same name.
         state_directory: Where the aggregator keeps confirmed faults over a restart; empty:
             ``$XDG_STATE_HOME/wackel``.
@@ -166,6 +157,8 @@ class RobotConfig(_Section, kw_only=True, frozen=True):
 
     robot: Name = "robot"
     buses: dict[Name, BusConfig] = {}
+    drive: DriveConfig | None = None
+    gyros: dict[Name, GyroConfig] = {}
     zenoh: ZenohConfig = ZenohConfig()
     classifier: ClassifierConfig = ClassifierConfig()
     recorder: RecorderConfig = RecorderConfig()
@@ -231,3 +224,7 @@ def _check(config: RobotConfig, name: str) -> None:
         if bus.port in ports:
             raise ConfigError(f"{where}.port = {bus.port!r}: bus {ports[bus.port]} has it already")
         ports[bus.port] = bus_name
+    if config.drive is not None:
+        problem = drive_problem(config.drive, {b: config.buses[b].ids() for b in config.buses})
+        if problem:
+            raise ConfigError(f"{name}: {problem}")

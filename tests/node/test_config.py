@@ -28,8 +28,8 @@ MISTAKES = {
     "robot = 3": "robot = 3: allowed is a name of a-z, 0-9, - and _ that starts with a letter or "
     "digit",
     "rob = 1": "rob: unknown key; did you mean robot?",
-    "zorro = 1": "zorro: unknown key; known are robot, buses, zenoh, classifier, recorder, "
-    "state_directory",
+    "zorro = 1": "zorro: unknown key; known are robot, buses, drive, gyros, zenoh, classifier, "
+    "recorder, state_directory",
     "buses = 3": "buses = 3: allowed is a table",
     "[buses.main]": "buses.main.port is missing: allowed is a text in quotes",
     BUS + "baudrate = 3": "buses.main.baudrate: unknown key; did you mean baud_rate?",

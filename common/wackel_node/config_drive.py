@@ -1,0 +1,193 @@
+"""The drive and its gyros in ``robot.toml``: sections, defaults, and what types cannot say."""
+
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from wackel_node.config_types import Name, Positive, Section, ServoId
+
+DriveKind = Literal["steered", "differential", "tricycle", "ackermann", "mecanum", "omni"]
+Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+Direction = Annotated[int, Meta(extra={"values": (1, -1)})]
+# 80° is as far as the kinematics goes: beyond, a mecanum wheel pushes nothing.
+Roller = Annotated[float, Meta(ge=-math.radians(80), le=math.radians(80))]
+
+
+class WheelConfig(Section, kw_only=True, frozen=True):
+    """One wheel; robot frame: x forward, y left, angles counter-clockwise, m and rad.
+
+    Attributes:
+        name: As faults call it.
+        x, y: Contact point; or instead of them
+        l, alpha: the same in polar form.
+        radius: Of the wheel.
+        bus: Bus of the drive servo.
+        drive: Id of the servo that drives the wheel, in wheel mode; absent if it rolls freely.
+        direction: 1 if the wheel rolls forward when the servo turns positively, else -1.
+        steering: Id of the servo that steers the wheel; absent if it does not steer.
+        steering_bus: Bus of that servo; absent: ``bus``.
+        steering_direction: 1 if a positive angle of the servo steers to the left, else -1.
+        steering_offset: Where the wheel points (rad to the left of forward) when the steering
+            servo reads 0.
+        heading: Where a wheel that does not steer rolls to, rad to the left of forward.
+        roller: Mecanum: from ``heading`` to the axis of the roller on the floor, ±pi/4 mostly.
+    """
+
+    name: Name
+    radius: Positive
+    bus: Name
+    x: float | None = None
+    y: float | None = None
+    l: Annotated[float, Meta(ge=0)] | None = None  # noqa: E741 (the paper's name)
+    alpha: float | None = None
+    drive: ServoId | None = None
+    direction: Direction = 1
+    steering: ServoId | None = None
+    steering_bus: Name | None = None
+    steering_direction: Direction = 1
+    steering_offset: float = 0.0
+    heading: float = 0.0
+    roller: Roller | None = None
+
+    def servos(self) -> Iterator[tuple[str, int]]:
+        """(bus, id) of what moves it."""
+        if self.drive is not None:
+            yield self.bus, self.drive
+        if self.steering is not None:
+            yield self.steering_bus or self.bus, self.steering
+
+
+class DriveConfig(Section, kw_only=True, frozen=True):
+    """The wheels, and how well their measures are known.
+
+    Attributes:
+        kind: ``steered``: 3 or more steered and driven wheels; ``differential``: fixed wheels on
+            both sides, also skid-steered; ``tricycle``: one steered; ``ackermann``: two steered;
+            ``mecanum``; ``omni``. Castors are left out.
+        wheels: In the order in which messages list them.
+        track: Differential: distance between the sides that the robot turns as if it had, which
+            for a skid-steered one is larger than what a ruler says; absent: from the wheels.
+        radius_error: Standard deviation of the radii, as a share. A skid-steered robot, whose
+            wheels slide by design, needs 0.1 and more.
+        steering_error: Standard deviation of the wheels' directions, rad (0.2°).
+        encoder_step: Resolution of the servos' position, rad.
+    """
+
+    kind: DriveKind
+    wheels: list[WheelConfig] = []
+    track: Positive | None = None
+    radius_error: Annotated[float, Meta(gt=0, le=1)] = 0.003
+    steering_error: Annotated[float, Meta(gt=0, le=1)] = 0.0035
+    encoder_step: Positive = 2 * math.pi / 4096
+
+
+class GyroConfig(Section, kw_only=True, frozen=True):
+    """One gyro, published on ``imu/<name>``; figures as in the data sheet of a common MEMS part.
+
+    Attributes:
+        axis: Which axis of the sensor points up.
+        rate: Samples per second.
+        noise_density: rad/s/√Hz (0.01 °/s/√Hz).
+        bias_limit: Greatest bias after power-on, rad/s.
+        bias_stability: How far the bias wanders within 100 s, rad/s.
+        scale_error: Standard deviation of the scale, as a share.
+        saturation: Greatest rate that it can measure, rad/s (2000 °/s).
+    """
+
+    axis: Axis = "z"
+    rate: Positive = 100.0
+    noise_density: Positive = 0.0002
+    bias_limit: Positive = 0.1
+    bias_stability: Positive = 0.0003
+    scale_error: Annotated[float, Meta(gt=0, le=1)] = 0.003
+    saturation: Positive = 34.9
+
+
+def drive_problem(drive: DriveConfig, buses: Mapping[str, Collection[int]]) -> str | None:
+    """The first thing in a drive that cannot be; ``None`` if it is all right.
+
+    Args:
+        drive: The section.
+        buses: Servo ids of each bus; none at all where the configuration lists none.
+    """
+    names = [wheel.name for wheel in drive.wheels]
+    doubled = sorted({name for name in names if names.count(name) > 1})
+    if doubled:
+        return f"drive.wheels: name {doubled[0]!r} stands there twice"
+    problem = _kind_problem(drive)
+    if problem:
+        return f"drive.wheels: {problem}"
+    users: dict[tuple[str, int], str] = {}
+    for number, wheel in enumerate(drive.wheels):
+        where = f"drive.wheels[{number}]"
+        problem = _place_problem(wheel) or _role_problem(drive.kind, wheel)
+        if problem:
+            return f"{where}{problem}"
+        for bus, servo in wheel.servos():
+            if bus not in buses:
+                return f"{where}: there is no bus {bus!r}; known are {', '.join(buses) or 'none'}"
+            if buses[bus] and servo not in buses[bus]:
+                return f"{where}: there is no servo {servo} on bus {bus}"
+            if (bus, servo) in users:
+                return f"{where}: servo {servo} on bus {bus} moves wheel {users[bus, servo]!r}"
+            users[bus, servo] = wheel.name
+    if drive.track is not None and drive.kind != "differential":
+        return f"drive.track: a drive of kind {drive.kind!r} has none"
+    if drive.kind == "differential" and drive.track is None and not _both_sides(drive.wheels):
+        return "drive.wheels: the left and the right wheels must stand apart (y)"
+    if all(math.hypot(*position(wheel)) == 0 for wheel in drive.wheels):
+        return "drive.wheels: at least one must stand away from the origin"
+    return None
+
+
+def position(wheel: WheelConfig) -> tuple[float, float]:
+    """Contact point of a wheel that has been checked, x and y in m."""
+    if wheel.x is not None and wheel.y is not None:
+        return wheel.x, wheel.y
+    distance, angle = wheel.l or 0.0, wheel.alpha or 0.0
+    return distance * math.cos(angle), distance * math.sin(angle)
+
+
+def _kind_problem(drive: DriveConfig) -> str | None:
+    wheels = drive.wheels
+    steering = sum(wheel.steering is not None for wheel in wheels)
+    driven = sum(wheel.drive is not None for wheel in wheels)
+    kind = drive.kind
+    if kind == "steered" and not len(wheels) == steering == driven >= 3:
+        return "kind 'steered' needs 3 or more, each with the ids drive and steering"
+    if kind == "tricycle" and not (steering == 1 and driven >= 1 and len(wheels) >= 3):
+        return "kind 'tricycle' needs 3 or more, one of them with steering, and one with drive"
+    if kind == "ackermann" and not (steering == 2 and driven >= 1 and len(wheels) >= 4):
+        return "kind 'ackermann' needs 4 or more, two of them with steering, and one with drive"
+    if kind in ("mecanum", "omni") and not (len(wheels) == driven >= 3 and not steering):
+        return f"kind {kind!r} needs 3 or more, each with drive and none with steering"
+    if kind == "differential" and not (len(wheels) == driven >= 2 and not steering):
+        return "kind 'differential' needs 2 or more, each with drive and none with steering"
+    return None
+
+
+def _place_problem(wheel: WheelConfig) -> str | None:
+    cartesian = [wheel.x is not None, wheel.y is not None]
+    polar = [wheel.l is not None, wheel.alpha is not None]
+    if all(cartesian) != all(polar) and any(cartesian) != any(polar):
+        return None
+    return " needs its place: either x and y, or l and alpha"
+
+
+def _role_problem(kind: DriveKind, wheel: WheelConfig) -> str | None:
+    if kind == "mecanum" and not wheel.roller:
+        return ".roller is missing: the angle of the rollers, ±pi/4 mostly"
+    if kind != "mecanum" and wheel.roller is not None:
+        return f".roller: a drive of kind {kind!r} has none"
+    if wheel.steering is None and wheel.steering_bus is not None:
+        return ".steering_bus is useless without steering"
+    if kind == "differential" and wheel.heading:
+        return ".heading: the wheels of a differential drive roll forward"
+    return None
+
+
+def _both_sides(wheels: Sequence[WheelConfig]) -> bool:
+    sides = [position(wheel)[1] for wheel in wheels]
+    return min(sides) < 0 < max(sides)
