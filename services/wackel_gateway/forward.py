@@ -33,6 +33,8 @@ _TCGETS2 = 0x802C542A  # asm-generic/ioctls.h; termios.tcgetattr knows no rates 
 _TERMIOS2 = struct.Struct("<4I20x2I")  # struct termios2; output rate last
 _HEAD = struct.Struct("<Bq")
 _ALONE_NS = 10_000_000_000  # without gateway and without traffic for so long: not needed any more
+_SOON_MS = 50
+_IDLE_MS = 1000
 _FIRST_RETRY_NS = 50_000_000
 _LAST_RETRY_NS = 1_000_000_000
 _NICE = -10  # before other processes where the system allows it
@@ -116,15 +118,18 @@ class Forwarder:
                 self._open_port(now)
             if self._gateway is None and now - self._active_ns > _ALONE_NS:
                 return
-            for fd, _ in self._poll.poll(self._timeout_ms()):
+            ready = self._poll.poll(self._timeout_ms())
+            for fd, events in ready:
                 if fd == self._master:
                     self._from_client()
                 elif self._port is not None and fd == self._port.fd:
-                    self._from_bus(self._port)
+                    self._from_bus(self._port, hung_up=bool(events & ~select.POLLIN))
                 elif fd == self._listener.fileno():
                     self._attach()
                 elif self._told_to_stop():
                     return
+            if not ready and self._dropped:
+                self._tell_dropped()
 
     def close(self) -> None:
         """Gives the real port back."""
@@ -132,7 +137,7 @@ class Forwarder:
             self._port.close()
 
     def _timeout_ms(self) -> int:
-        return _FIRST_RETRY_NS // 1_000_000 if self._port is None else 1000
+        return _SOON_MS if self._port is None or self._dropped else _IDLE_MS
 
     def _from_client(self) -> None:
         data = os.read(self._master, _READ_BYTES)
@@ -149,11 +154,11 @@ class Forwarder:
                 self._lose_port(str(lost))
         self._record(Kind.HOST, at_ns, data)
 
-    def _from_bus(self, port: Port) -> None:
+    def _from_bus(self, port: Port, *, hung_up: bool) -> None:
         try:
-            data = port.read() if port.wait(0) else b""
+            data = b"" if hung_up else port.read()
             if not data:
-                raise PortLost("it was closed from the other side")
+                raise PortLost("it was unplugged")
         except PortLost as lost:
             self._lose_port(str(lost))
             return
@@ -247,18 +252,27 @@ class Forwarder:
 
     def _record(self, kind: Kind, at_ns: int, payload: bytes) -> None:
         """Hands an event over, or drops it: the socket's buffer is the only queue."""
-        if self._gateway is None:
-            return
-        try:
-            if self._dropped:
-                count = json.dumps({"count": self._dropped}).encode()
-                self._gateway.send(Record(Kind.DROPPED, at_ns, count).encode())
-                self._dropped = 0
-            self._gateway.send(Record(kind, at_ns, payload).encode())
-        except BlockingIOError:
+        if self._dropped:
+            self._tell_dropped()
+        if not self._send(Record(kind, at_ns, payload)):
             self._dropped += 1
+
+    def _tell_dropped(self) -> None:
+        count = json.dumps({"count": self._dropped}).encode()
+        if self._send(Record(Kind.DROPPED, monotonic_ns(), count)):
+            self._dropped = 0
+
+    def _send(self, record: Record) -> bool:
+        """Whether the gateway has it, or there is none."""
+        if self._gateway is None:
+            return True
+        try:
+            self._gateway.send(record.encode())
+        except BlockingIOError:
+            return False
         except OSError:
             self._detach()
+        return True
 
 
 @contextmanager

@@ -25,6 +25,7 @@ from wackel_schemas.bus import BusReply, BusRequest
 
 _START_S = 10.0  # Python and pyserial on a small computer under load
 _LOOK_S = 0.005
+_GATHER_S = 0.001  # the records of one transaction in one go, not waking up for each of them
 _TURN_MS = 100  # the node's own messages wait at most so long for their turn
 _NOT_MASTER = Refused("not the master", "the bus belongs to the software that opened the port")
 
@@ -62,7 +63,8 @@ class Proxy:
             turn_ms = _TURN_MS
             if due_ns is not None:
                 turn_ms = max(0, min(turn_ms, -((monotonic_ns() - due_ns) // 1_000_000)))
-            waiting.poll(turn_ms)
+            if waiting.poll(turn_ms):
+                sleep(_GATHER_S)
             now = monotonic_ns()
             while True:
                 try:

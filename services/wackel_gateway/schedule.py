@@ -99,9 +99,7 @@ class _Presence:
 class _Costs:
     """What a job of each kind takes, ns; running means of the outcomes."""
 
-    means: dict[str, float] = field(
-        default_factory=lambda: {"answered": 1e6, "silent": 5e6, "slow": 1e6}
-    )
+    means: dict[str, float] = field(default_factory=lambda: {"silent": 5e6, "slow": 1e6})
 
     def add(self, kind: str, took_ns: int) -> None:
         self.means[kind] += (took_ns - self.means[kind]) / 8
@@ -319,24 +317,24 @@ class Schedule:
         self._spare_ns = max(-_SPARE_LIMIT_NS, min(_SPARE_LIMIT_NS, saved_ns))
         self._spare_since_ns = now_ns
         costs = self._costs.means
-        left_ns = self.due_ns - now_ns
+        # Twice the mean: what is sent into the pause shall not delay the cycle behind it.
+        fits = {kind: self.due_ns - now_ns >= 2 * cost for kind, cost in costs.items()}
         # Whatever is new may cost time at once, one job a cycle, for it says what has happened.
-        if self._urgent and (left_ns >= costs["slow"] or not self._extra_ran):
+        if self._urgent and (fits["slow"] or not self._extra_ran):
             job = self._slow_job(_HARDWARE_ERROR, self._urgent.popleft())
             if job is not None:
                 return self._run_extra(job)
-        if self._fresh and (left_ns >= costs["silent"] or not self._extra_ran):
+        if self._fresh and (fits["silent"] or not self._extra_ran):
             job = self._ping(self._fresh, now_ns)
             if job is not None:
                 return self._run_extra(job)
         afforded = self._spare_ns >= costs["silent"]
-        if self._silent and afforded and (left_ns >= costs["silent"] or not self._extra_ran):
+        if self._silent and afforded and (fits["silent"] or not self._extra_ran):
             job = self._ping(self._silent, now_ns)
             if job is not None:
                 return self._run_extra(job)
         while self._slow and self._slow[0][0] <= now_ns:
-            fits = left_ns >= costs["slow"]
-            if not fits and (self._extra_ran or self._spare_ns < costs["slow"]):
+            if not fits["slow"] and (self._extra_ran or self._spare_ns < costs["slow"]):
                 return None
             _, kind, servo_id = heappop(self._slow)
             if self._servos[servo_id].present:
@@ -365,7 +363,6 @@ class Schedule:
             self._costs.add("silent", took_ns)
             self._silent.append(servo_id)
             return
-        self._costs.add("answered", took_ns)
         servo.waiting = False
         servo.present = True
         self._needs_proof = True

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 import pytest
@@ -16,26 +17,28 @@ from wackel_node.link import Link
 from wackel_schemas import keys
 from wackel_schemas.bus import BusState, BusStatistics, Transaction
 from wackel_schemas.fault import FaultReport
-from wackel_schemas.virtual import Injection
-from wackel_virtual.bus import VirtualBus
-from wackel_virtual.port import Ports
+from wackel_schemas.virtual import Injection, VirtualRequest
 
 IDS = (1, 2, 3, 4, 5, 6)
 
 
 @dataclass
 class Bus:
-    """A virtual bus that runs."""
+    """A virtual bus that runs in a process of its own."""
 
     config: BusConfig
-    ports: Ports
+    link: Link
 
     def inject(self, kind: str, servo: int | None = None, value: float | None = None) -> None:
-        injection = Injection(kind=kind, servo=servo, value=value)
-        self.ports.call(lambda buses: buses["main"].inject(injection))
+        self._ask("inject", Injection(kind=kind, servo=servo, value=value))
 
     def heal(self) -> None:
-        self.ports.call(lambda buses: buses["main"].heal())
+        self._ask("heal", Injection(kind=""))
+
+    def _ask(self, operation: Literal["inject", "heal"], injection: Injection) -> None:
+        request = VirtualRequest(operation=operation, injection=injection)
+        reply = self.link.ask(keys.VIRTUAL_REQUEST, request, timeout_s=5)
+        assert reply.ok, reply.text
 
 
 @pytest.fixture
@@ -49,9 +52,21 @@ def bus_config(tmp_path: Path) -> BusConfig:
 
 
 @pytest.fixture
-def bus(bus_config: BusConfig) -> Iterator[Bus]:
-    with Ports({"main": (VirtualBus(bus_config, seed=1), Path(bus_config.port))}) as ports:
-        yield Bus(bus_config, ports)
+def bus(rendezvous: Rendezvous, bus_config: BusConfig, tmp_path: Path) -> Iterator[Bus]:
+    config: RobotConfig = msgspec.structs.replace(rendezvous.config, buses={"main": bus_config})
+    path = tmp_path / "virtual.toml"
+    path.write_text(dump(config), encoding="utf-8")
+    process = subprocess.Popen([sys.executable, "-m", "wackel_virtual", "--config", str(path)])
+    try:
+        with Link(config) as link:
+            alive: list[str] = []
+            link.watch_alive(lambda name, _: alive.append(name))
+            wait_until(lambda: "virtual/main" in alive, 10, lambda: link.pump(0.02))
+            wait_until(Path(bus_config.port).is_symlink)
+            yield Bus(bus_config, link)
+    finally:
+        process.terminate()
+        process.wait(5)
 
 
 @dataclass
@@ -114,6 +129,7 @@ def start_gateway(rendezvous: Rendezvous, tmp_path: Path) -> Iterator[StartGatew
     for process in started:
         if process.poll() is None:
             process.terminate()
+            process.send_signal(signal.SIGCONT)  # a test may have stopped it
             process.wait(5)
     for link in links:
         link.__exit__(None, None, None)

@@ -53,15 +53,10 @@ def test_a_silent_servo_costs_the_others_at_most_one_cycle(
     bus.inject("silent", servo=3)
     rest = tuple(servo_id for servo_id in IDS if servo_id != 3)
     gateway.wait_until(gateway.answering(rest))
-    asked = [t for t in gateway.transactions if t.purpose == "cycle" and len(t.expected) > 1]
-    first = next(
-        i
-        for i, t in enumerate(asked)
-        if 3 in t.expected and len(t.chunks) > 0 and 3 not in {r.id for r in t.response_times}
-    )
-    # The servos behind it are asked again at once, without it.
-    assert asked[first + 1].expected == [4, 5, 6]
-    assert [r.id for r in asked[first + 1].response_times] == [4, 5, 6]
+    # It was missed once at most: by the read that found out, or by one of the slow reads.
+    cycles = [t for t in gateway.transactions if t.purpose == "cycle"]
+    missed = [t for t in cycles if len(t.response_times) < len(t.expected)]
+    assert len(missed) <= 1
     assert any(t.purpose == "ping" and t.expected == [3] for t in gateway.transactions)
     bus.heal()
     gateway.wait_until(gateway.answering(IDS))

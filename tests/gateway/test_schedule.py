@@ -1,0 +1,205 @@
+"""What the master asks, in simulated time on the virtual bus."""
+
+from collections import Counter
+
+import pytest
+
+from tests.gateway.simulation import Simulation
+from wackel_gateway.outcome import Outcome
+from wackel_gateway.schedule import Job, Stage
+from wackel_node.config import BusConfig, ServoConfig
+from wackel_protocols.dynamixel2 import packet
+from wackel_schemas.virtual import Injection
+from wackel_virtual.bus import VirtualBus
+
+IDS = tuple(range(1, 9))
+
+
+def simulation(
+    *,
+    rate: float = 100.0,
+    firmware: int = 50,
+    loss: float = 0.0,
+    models: dict[int, str] | None = None,
+) -> Simulation:
+    servos = [ServoConfig(id=i, model=(models or {}).get(i, "XM430-W210")) for i in IDS]
+    config = BusConfig(port="none", rate=rate, servos=servos, return_delay_us=0)
+    bus = VirtualBus(config, seed=1, loss=loss, firmware=dict.fromkeys(IDS, firmware))
+    return Simulation(config, bus)
+
+
+def settled(run: Simulation) -> Simulation:
+    """All servos have joined and the first slow reads are over."""
+    for _ in run.run(1.0):
+        pass
+    assert run.schedule.present == IDS
+    return run
+
+
+def answered(outcome: Outcome) -> tuple[int, ...]:
+    return tuple(status.id for status in outcome.answers.statuses)
+
+
+def cycles(history: list[tuple[Job, Outcome]]) -> list[list[tuple[Job, Outcome]]]:
+    """The reads of each cycle."""
+    found: list[list[tuple[Job, Outcome]]] = []
+    for job, outcome in history:
+        if job.stage is Stage.CYCLE:
+            found.append([])
+        if job.stage in (Stage.CYCLE, Stage.PLAIN, Stage.REST):
+            found[-1].append((job, outcome))
+    return found
+
+
+def instruction(job: Job) -> int:
+    return job.instruction[packet.PREFIX_BYTES]
+
+
+def test_servos_join_by_a_ping_of_their_own_in_cable_order() -> None:
+    run = simulation()
+    pings = [job.ids[0] for job, _ in run.run(0.1) if job.stage is Stage.PING]
+    assert pings == list(IDS)
+    assert run.schedule.present == IDS
+    assert run.roster.members[1].firmware == 50
+
+
+def test_cycles_come_at_the_rate_without_drift_and_slow_work_does_not_disturb_it() -> None:
+    run = settled(simulation(rate=100))
+    begins = [o.begin_ns for job, o in run.run(5.0) if job.stage is Stage.CYCLE]
+    assert len(begins) == 500
+    assert all(begin % 10_000_000 == begins[0] % 10_000_000 for begin in begins)
+
+
+def test_where_the_wire_is_slower_than_the_rate_cycles_follow_each_other_without_pause() -> None:
+    run = settled(simulation(rate=2000))
+    history = list(run.run(2.0))
+    on_wire_s = sum((o.ended_ns - o.begin_ns) / 1e9 for _, o in history)
+    cycle_s = sum((o.ended_ns - o.begin_ns) / 1e9 for j, o in history if j.stage is Stage.CYCLE)
+    assert on_wire_s > 0.9 * 2.0
+    assert cycle_s > 0.85 * 2.0
+    assert any(job.stage is Stage.SLOW for job, _ in history)
+
+
+def test_every_servo_tells_voltage_and_status_every_second_and_its_delay_now_and_then() -> None:
+    run = settled(simulation())
+    slow = Counter((job.ids, job.block) for job, _ in run.run(60.0) if job.stage is Stage.SLOW)
+    by_address = {block.address: n for (_, block), n in slow.items() if block is not None}
+    assert by_address[144] >= 58
+    assert by_address[64] >= 58
+    assert by_address[9] == 2
+    assert len(slow) == 3 * len(IDS)
+
+
+def test_what_stands_behind_a_silent_servo_is_read_in_the_same_cycle() -> None:
+    run = settled(simulation())
+    run.bus.inject(Injection(kind="silent", servo=3))
+    reads = cycles(list(run.run(0.5)))
+    assert all(
+        sorted(i for _, outcome in cycle for i in answered(outcome)) == [1, 2, 4, 5, 6, 7, 8]
+        for cycle in reads
+    )
+    assert [len(cycle) for cycle in reads[:3]] == [2, 1, 1]
+
+
+def test_a_silent_servo_is_pinged_on_and_on_within_its_share_of_bus_time() -> None:
+    run = settled(simulation())
+    run.bus.inject(Injection(kind="silent", servo=3))
+    list(run.run(1.0))
+    history = list(run.run(10.0))
+    pings = [outcome for job, outcome in history if job.stage is Stage.PING]
+    assert {outcome.expectation.ids for outcome in pings} == {(3,)}
+    spent_s = sum(outcome.ended_ns - outcome.begin_ns for outcome in pings) / 1e9
+    assert 0.3 < spent_s < 1.1
+    run.bus.heal()
+    list(run.run(0.3))
+    assert run.schedule.present == IDS
+
+
+@pytest.mark.parametrize("servo", [1, 4, 8])
+def test_behind_a_break_all_are_pinged_one_by_one_and_all_come_back(servo: int) -> None:
+    run = settled(simulation())
+    run.bus.inject(Injection(kind="break", servo=servo))
+    history = list(run.run(0.5))
+    behind = set(range(servo, 9))
+    assert {job.ids[0] for job, _ in history if job.stage is Stage.PING} == behind
+    assert run.schedule.present == tuple(range(1, servo))
+    run.bus.heal()
+    list(run.run(2.0))
+    assert run.schedule.present == IDS
+
+
+def test_a_lost_answer_costs_others_nothing_and_itself_one_cycle() -> None:
+    run = settled(simulation(loss=0.001))
+    reads = cycles(list(run.run(20.0)))
+    heard = Counter(len({i for _, o in cycle for i in answered(o)}) for cycle in reads)
+    assert heard[8] > 0.97 * len(reads)
+    assert min(heard) >= 6
+
+
+def test_firmware_that_is_too_old_is_asked_by_plain_sync_read() -> None:
+    run = settled(simulation(firmware=40))
+    kinds = {instruction(job) for job, _ in run.run(0.1) if job.stage is Stage.CYCLE}
+    assert kinds == {packet.Instruction.SYNC_READ}
+    assert not run.schedule.fast
+
+
+def test_fast_sync_read_that_nobody_understands_is_given_up() -> None:
+    run = settled(simulation(firmware=40))
+    for member in run.roster.members.values():
+        member.firmware = 50  # as a servo would whose firmware says more than it can
+    run.schedule.restart(run.now_ns)
+    for servo in run.roster.members.values():
+        servo.identify = lambda *_: None  # type: ignore[method-assign]
+    history = list(run.run(1.0))
+    reads = cycles(history)
+    assert any(instruction(job) == packet.Instruction.FAST_SYNC_READ for job, _ in reads[1])
+    assert [instruction(job) for job, _ in reads[-1]] == [packet.Instruction.SYNC_READ]
+    assert answered(reads[-1][0][1]) == IDS
+
+
+def test_an_alert_has_the_hardware_error_read_at_once() -> None:
+    run = settled(simulation())
+    run.bus.inject(Injection(kind="overload", servo=5))
+    begin_ns = run.now_ns
+    for job, outcome in run.run(0.2):
+        if job.stage is Stage.SLOW and job.ids == (5,) and job.block is not None:
+            assert job.block.address <= 70 < job.block.address + job.block.length
+            assert outcome.begin_ns - begin_ns < 30_000_000
+            return
+    raise AssertionError("it was not read")
+
+
+def test_models_with_registers_elsewhere_are_read_apart() -> None:
+    models = {3: "PH54-200-S500", 4: "PH54-200-S500", 8: "XL-320"}
+    run = settled(simulation(models=models))
+    groups = [job.ids for job, _ in run.run(0.01) if job.stage is Stage.CYCLE]
+    assert groups == [(1, 2, 5, 6, 7), (3, 4), (8,)]
+
+
+def test_a_servo_that_answers_pings_but_no_reads_is_tried_less_and_less_often() -> None:
+    run = simulation()
+    config = BusConfig(port="none", servos=run.config.servos, return_delay_us=0)
+    bus = VirtualBus(config, seed=1)
+    run = Simulation(config, bus)
+    bus.exchange(0, packet.write(2, 68, b"\x00"), 5_000_000)  # Status Return Level: ping only
+    history = list(run.run(10.0))
+    failed = [o for j, o in history if 2 in j.ids and j.stage is not Stage.PING]
+    assert len(failed) < 40
+    assert run.schedule.present == tuple(i for i in IDS if i != 2) or run.schedule.present == IDS
+
+
+def test_with_nobody_there_time_is_not_spent_on_cycles() -> None:
+    run = simulation(rate=2000)
+    run.bus.inject(Injection(kind="power_off"))
+    history = list(run.run(2.0))
+    assert {job.stage for job, _ in history} == {Stage.PING}
+    assert run.schedule.cycles == 0
+
+
+def test_commands_are_sent_at_the_head_of_the_next_cycle_and_once() -> None:
+    run = settled(simulation())
+    write = packet.sync_write(65, 1, {1: b"\x01"})
+    run.schedule.command([write])
+    stages = [job.stage for job, _ in run.run(0.03) if job.stage in (Stage.COMMAND, Stage.CYCLE)]
+    assert stages[:2] == [Stage.COMMAND, Stage.CYCLE]
+    assert stages.count(Stage.COMMAND) == 1
