@@ -31,6 +31,21 @@ def cable(bus_name: str, before: int | None, after: int) -> str:
     return f"bus/{bus_name}/cable/{ADAPTER if before is None else before}-{after}"
 
 
+def wheel_drive(name: str) -> str:
+    """What rolls a wheel: motor, encoder and what lies between them and the floor."""
+    return f"wheel/{name}/drive"
+
+
+def wheel_steering(name: str) -> str:
+    """What steers a wheel, with its sensor."""
+    return f"wheel/{name}/steering"
+
+
+def gyro(name: str) -> str:
+    """A gyro."""
+    return f"gyro/{name}"
+
+
 def service(name: str) -> str:
     """A process of wackel: ``<service>/<instance>``."""
     return f"service/{name}"
@@ -51,6 +66,10 @@ def in_words(component: str) -> str:
             before, _, after = ends.partition("-")
             start = "the adapter" if before == "adapter" else f"servo {before}"
             return f"the cable between {start} and servo {after} on bus {bus}"
+        case ["wheel", wheel, part]:
+            return f"the {part} of wheel {wheel}"
+        case ["gyro", gyro]:
+            return f"the gyro {gyro}"
         case ["service", *name]:
             return f"the service {'/'.join(name)}"
         case _:

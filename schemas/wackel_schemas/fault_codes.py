@@ -211,6 +211,59 @@ FAULT_CODES: dict[str, FaultCode] = {
         "Look at the evidence; record the bus (wackel record) and check cables and supply.",
         "warning",
     ),
+    # Gyro and odometry.
+    "gyro_bias": FaultCode(
+        "{component} shows {bias} rad/s at rest, more than its data sheet allows.",
+        "Let it warm up at rest; if it stays so, check gyros.*.axis and bias_limit in robot.toml, "
+        "then exchange the sensor.",
+        "warning",
+        debounce_s=1.0,
+    ),
+    "gyro_saturated": FaultCode(
+        "{component} turns faster than it can measure.",
+        "Set a larger range on the sensor and in gyros.*.saturation, or turn more slowly.",
+        "warning",
+        heal_s=2.0,
+    ),
+    "gyro_frozen": FaultCode(
+        "{component} keeps sending exactly the same value although the robot turns.",
+        "Check its cable and its driver; restart the driver.",
+        "fault",
+    ),
+    "gyro_silent": FaultCode(
+        "{component} sends nothing.",
+        "Check its cable, its driver, and the name under which the driver publishes.",
+        "fault",
+        debounce_s=0.5,
+    ),
+    "gyro_rate": FaultCode(
+        "{component} sends {rate} samples a second instead of {nominal}.",
+        "Check the rate set in its driver against gyros.*.rate, and the load of the computer.",
+        "warning",
+        debounce_s=1.0,
+        heal_s=2.0,
+    ),
+    "gyro_time_offset": FaultCode(
+        "The stamps of {component} are {offset} ms off those of the wheels.",
+        "Let its driver stamp samples when they are taken, with the computer's own clock.",
+        "warning",
+        window_s=30.0,
+    ),
+    "bad_input": FaultCode(
+        "{component} sends what cannot be: {reason}.",
+        "Look at what is published there (wackel echo) and correct its publisher.",
+        "warning",
+        heal_s=5.0,
+    ),
+    "pose_unknown": FaultCode(
+        "{component} cannot tell where the robot is: {reason}.",
+        "See which inputs are missing or excluded (wackel echo odometry); once they are back, set "
+        "the pose anew.",
+        "fault",
+        ("can_localise",),
+        debounce_s=0.5,
+        heal_s=0.5,
+    ),
     # The gateway and the processes.
     "adapter_unplugged": FaultCode(
         "{component} is not there: {reason}.",
@@ -255,6 +308,7 @@ EXPLAINS: dict[str, frozenset[str]] = {
     "noise": frozenset({"packet_loss", "crc_errors", "stray_data"}),
     "return_delay": frozenset({"slow_servo"}),
     "latency_timer": frozenset({"slow_servo"}),
+    "gyro_silent": frozenset({"gyro_rate"}),
 }
 
 

@@ -12,6 +12,14 @@ from wackel_schemas.bus import (
     BusStatistics,
     Transaction,
 )
+from wackel_schemas.drive import (
+    Exclusions,
+    ImuSample,
+    Odometry,
+    OdometryReply,
+    OdometryRequest,
+    TwistCommand,
+)
 from wackel_schemas.fault import FaultReport
 from wackel_schemas.health import Health, HealthReply, HealthRequest, Heartbeat
 from wackel_schemas.message import Message, Record
@@ -73,11 +81,16 @@ TRANSACTION = Topic("bus/{bus}/transaction", Transaction, "input", "all")
 STATE = Topic("bus/{bus}/state", BusState, "input", "newest")
 STATISTICS = Topic("bus/{bus}/statistics", BusStatistics, "input", "newest")
 COMMAND = Topic("bus/{bus}/command", BusCommand, "input", "newest")
+IMU = Topic("imu/{name}", ImuSample, "input", "newest")
+TWIST_COMMAND = Topic("command/twist", TwistCommand, "input", "newest")
+ODOMETRY = Topic("odometry", Odometry, "derived", "newest")
+EXCLUSIONS = Topic("exclusions", Exclusions, "derived", "newest", latched=True)
 FAULT = Topic("fault/{source}", FaultReport, "derived", "all")
 HEALTH = Topic("health", Health, "derived", "newest", latched=True)
 ALIVE = Topic("alive/{service}/{instance}", Heartbeat, "derived", "all")
 
 BUS_REQUEST = Query("bus/{bus}/request", BusRequest, BusReply)
+ODOMETRY_REQUEST = Query("odometry/request", OdometryRequest, OdometryReply)
 HEALTH_REQUEST = Query("health/request", HealthRequest, HealthReply)
 VIRTUAL_REQUEST = Query("virtual/request", VirtualRequest, VirtualReply)
 
@@ -86,12 +99,17 @@ TOPICS: tuple[Topic[Message], ...] = (  # type: ignore[assignment]
     STATE,
     STATISTICS,
     COMMAND,
+    IMU,
+    TWIST_COMMAND,
+    ODOMETRY,
+    EXCLUSIONS,
     FAULT,
     HEALTH,
     ALIVE,
 )
 QUERIES: tuple[Query[Record, Message], ...] = (  # type: ignore[assignment]
     BUS_REQUEST,
+    ODOMETRY_REQUEST,
     HEALTH_REQUEST,
     VIRTUAL_REQUEST,
 )
