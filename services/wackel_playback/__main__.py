@@ -13,13 +13,15 @@ from wackel_node.arguments import DEFAULT, add_config, config_of
 from wackel_node.config import RobotConfig, parse
 from wackel_node.errors import OK, Explained
 from wackel_node.keyboard import Keyboard
-from wackel_node.link import Link
+from wackel_node.link import Link, NotReached
 from wackel_node.node import Node
 from wackel_playback.pace import FASTEST, SLOWEST, Pace, timed
 from wackel_playback.service import Player, in_the_way, is_played
 from wackel_recording.reader import Entry, Recording, open_recordings
 
 _SHOW_S = 0.25
+_STARTING_S = 3.0  # what a rendezvous in a container takes to listen
+_RETRY_S = 0.2
 
 
 class LiveRobot(Explained, RuntimeError):
@@ -36,7 +38,7 @@ def main(argv: list[str]) -> int:
     recordings = open_recordings(arguments.files)
     config = _config(arguments, recordings[0])
     log.set_up("playback")
-    with Link(config) as link:
+    with _reached(config) as link:
         _refuse(in_the_way(link, arguments.all), config)
     entries = _entries(recordings, arguments)
     first = next(entries, None)
@@ -63,8 +65,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="wackel play",
         description="Publishes a recording on the topics of the robot, in the gateway's place, in "
-        "its recorded rhythm. Refuses where a gateway runs. Needs a rendezvous: `wackel up` "
-        "without buses, or zenohd.",
+        "its recorded rhythm. Refuses where a gateway runs. Needs a rendezvous such as zenohd; "
+        "compose/containers/playback.yaml starts that and the diagnosis with it.",
         epilog="On a terminal: space pauses, + and - change the speed, q quits.",
     )
     parser.add_argument("files", metavar="FILE", nargs="+", type=Path, help="of a recording")
@@ -111,6 +113,22 @@ def _config(arguments: argparse.Namespace, recording: Recording) -> RobotConfig:
     if arguments.config is None and not DEFAULT.exists():
         return parse(recording.about.config, str(recording.files[0].path))
     return config_of(arguments)
+
+
+def _reached(config: RobotConfig) -> Link:
+    """A link to a rendezvous that may be starting at the same time as the playback.
+
+    Raises:
+        NotReached: There is none.
+    """
+    limit = time.monotonic() + _STARTING_S
+    while True:
+        try:
+            return Link(config)
+        except NotReached:
+            if time.monotonic() > limit:
+                raise
+            time.sleep(_RETRY_S)
 
 
 def _refuse(service: str, config: RobotConfig) -> None:
