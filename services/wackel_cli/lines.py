@@ -8,6 +8,7 @@ import msgspec
 from wackel_protocols.dynamixel2 import Instruction
 from wackel_schemas import wire
 from wackel_schemas.bus import BusCommand, BusState, BusStatistics, ServoState, Transaction
+from wackel_schemas.drive import Exclusions, ImuSample, Odometry, TwistCommand
 from wackel_schemas.fault import FaultReport
 from wackel_schemas.health import Health, Heartbeat
 from wackel_schemas.keys import topic_of
@@ -79,6 +80,19 @@ def _describe(message: Message) -> str:
             )
         case BusCommand():
             return f"goals for {', '.join(str(goal.id) for goal in message.goals)}"
+        case ImuSample():
+            x, y, z = message.angular_velocity
+            return f"turns {x:+.4f} {y:+.4f} {z:+.4f} rad/s"
+        case TwistCommand():
+            return _twist(message)
+        case Odometry():
+            doubt = "" if message.valid else f"  NOT VALID: {message.reason}"
+            return (
+                f"at {message.x:+.3f} {message.y:+.3f} m, {message.theta:+.4f} rad  "
+                f"{_twist(message)}{doubt}"
+            )
+        case Exclusions():
+            return "; ".join(f"{e.component} ({e.reason})" for e in message.excluded) or "none"
         case FaultReport():
             again = " (repeated)" if message.repeated else ""
             return (
@@ -91,6 +105,10 @@ def _describe(message: Message) -> str:
             lost = f"  {message.lost} lost" if message.lost else ""
             return f"{message.state}  {message.received} received{lost}  {message.reason}".rstrip()
     return repr(message)
+
+
+def _twist(message: TwistCommand | Odometry) -> str:
+    return f"vx {message.vx:+.3f} vy {message.vy:+.3f} m/s  omega {message.omega:+.4f} rad/s"
 
 
 def _transaction(message: Transaction) -> str:

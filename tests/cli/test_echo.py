@@ -26,6 +26,7 @@ from wackel_schemas.bus import (
     ServoState,
     Transaction,
 )
+from wackel_schemas.drive import Exclusion, Exclusions, ImuSample, Odometry, TwistCommand
 from wackel_schemas.fault import Evidence, FaultReport
 from wackel_schemas.health import Health, Heartbeat
 from wackel_schemas.keys import HEALTH, TOPICS
@@ -78,6 +79,38 @@ MESSAGES: dict[str, tuple[Message, str]] = {
     "bus/main/command": (
         BusCommand(stamp=1, goals=[ServoGoal(id=3), ServoGoal(id=5)]),
         "goals for 3, 5",
+    ),
+    "imu/body": (
+        ImuSample(stamp=1, angular_velocity=(0.01, -0.02, 1.5)),
+        "turns +0.0100 -0.0200 +1.5000 rad/s",
+    ),
+    "command/twist": (
+        TwistCommand(stamp=1, vx=0.5, vy=0.0, omega=-0.1),
+        "vx +0.500 vy +0.000 m/s  omega -0.1000 rad/s",
+    ),
+    "odometry": (
+        Odometry(
+            stamp=1,
+            x=1.0,
+            y=-2.0,
+            theta=0.5,
+            vx=0.1,
+            vy=0.0,
+            omega=0.0,
+            pose_covariance=[0.0] * 9,
+            twist_covariance=[0.0] * 9,
+            valid=False,
+            reason="one wheel is left",
+        ),
+        "at +1.000 -2.000 m, +0.5000 rad  vx +0.100 vy +0.000 m/s  omega +0.0000 rad/s  "
+        "NOT VALID: one wheel is left",
+    ),
+    "exclusions": (
+        Exclusions(
+            stamp=1,
+            excluded=[Exclusion(component="drive/wheel/left", fault="sensor", reason="it slips")],
+        ),
+        "drive/wheel/left (it slips)",
     ),
     "fault/classifier": (
         FaultReport(
