@@ -34,6 +34,8 @@ _RANK: dict[Level, int] = {"ok": 0, "warning": 1, "unknown": 2, "fault": 3}
 _LEVEL: dict[str, Level] = {"info": "ok", "warning": "warning", "fault": "fault"}
 _SERVICE_FAULTS = {"dead": "service_dead", "crashed": "service_crashed", "hung": "service_hung"}
 _CAPABILITIES = sorted({name for code in FAULT_CODES.values() for name in code.disables})
+# On a robot that does without this service nobody can tell.
+_JUDGES = {"can_localise": "odometry/main"}
 
 
 class Aggregator:
@@ -259,5 +261,6 @@ class Aggregator:
         return {
             name: name not in lost
             for name in _CAPABILITIES
-            if name in lost or not (blind or name in unknown)
+            if _JUDGES.get(name) in (None, *needed)
+            and (name in lost or not (blind or name in unknown))
         }
