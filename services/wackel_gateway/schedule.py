@@ -170,6 +170,7 @@ class Schedule:
         if extra is not None:
             return extra
         if now_ns < self.due_ns:
+            self._extra_ran = True  # there is a pause; what comes up late in it can wait
             return None
         # Where the wire is slower than the rate, what could not be kept is not made up for.
         self.due_ns = max(now_ns, self.due_ns + self._period_ns)
