@@ -1,12 +1,16 @@
-"""The state in a file that survives ``kill -9`` at any moment, and loss of power up to a second.
+"""The state in files that survive ``kill -9`` at any moment, and loss of power but for a second.
 
-A new state is written beside the old one before it is published, which costs microseconds and is
-all that a killed process needs; bringing it to the disk and in the old one's place may take an SD
-card 100 ms, is done by :meth:`Store.commit` and is not in the way of health.
+A state is written before it is published, so that no number of a transition is ever given twice.
+Writing must then cost less than health may be late: it goes over the oldest of three slots, which
+takes microseconds and is all that a killed process needs. :meth:`Store.commit`, which is not in the
+way of health, brings the newest slot to the disk; the one that got there last is not touched
+before another has.
 """
 
+import errno
 import fcntl
 import os
+import struct
 import zlib
 from pathlib import Path
 from typing import Self
@@ -16,8 +20,9 @@ from wackel_node.errors import Explained
 from wackel_node.log import logger
 from wackel_schemas import wire
 
-_MAGIC = b"wackel health 1\n"
-_CHECKSUM_BYTES = 4
+_SLOTS = 3
+_HEAD = struct.Struct(">8sQII")  # magic, serial number, length of the state, CRC-32 of all of it
+_MAGIC = b"wackel-1"
 
 
 class Taken(Explained):
@@ -25,9 +30,9 @@ class Taken(Explained):
 
 
 class Store:
-    """One robot's state file. Use with ``with``: meanwhile no second aggregator gets it.
+    """One robot's state files. Use with ``with``: meanwhile no second aggregator gets them.
 
-    A directory that cannot be written is reported once; health goes on without memory.
+    What cannot be written is told once; health goes on without memory.
     """
 
     def __init__(self, directory: Path, robot: str) -> None:
@@ -37,99 +42,117 @@ class Store:
             Taken: Another aggregator has it.
         """
         self._path = directory / f"{robot}.health"
-        self._new = self._path.with_suffix(".health.new")
-        self._pending = False
-        self._usable = True
-        self._lock = self._take(directory / f"{robot}.lock")
+        self._serial = 0
+        self._newest: int | None = None  # numbers of slots
+        self._durable: int | None = None
+        self._failing = False
+        self._slots = self._open()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.commit()
-        if self._lock is not None:
-            os.close(self._lock)
+        for slot in self._slots:
+            os.close(slot)
 
     def load(self) -> State | None:
-        """The latest complete state; a broken file is set aside with a warning."""
-        if not self._usable:
-            return None
-        # The newer file is incomplete if power was lost before it was on the disk.
-        return _read(self._new, keep_broken=False) or _read(self._path, keep_broken=True)
+        """The latest complete state; if nothing there is complete, that is set aside and told."""
+        contents = [self._read(slot) for slot in self._slots]
+        states = [_unpack(content) for content in contents]
+        self._serial, state, self._newest = max(
+            ((*found, number) for number, found in enumerate(states) if found is not None),
+            key=lambda found: found[0],
+            default=(0, None, None),
+        )
+        self.commit()
+        if state is None and any(contents):
+            aside = self._path.with_suffix(".broken")
+            logger.warning("%s is broken; starting without memory, see %s", self._path, aside)
+            try:
+                aside.write_bytes(b"".join(contents))
+            except OSError as error:
+                self._fail(error)
+        return state
 
     def prepare(self, state: State) -> None:
         """Makes a state survive the death of this process."""
-        if not self._usable:
+        if not self._slots:
             return
-        payload = wire.encode(state)
+        self._serial += 1
+        data = _pack(self._serial, state)
+        number = next(n for n in range(_SLOTS) if n not in (self._newest, self._durable))
         try:
-            written = self._new.with_suffix(".part")
-            written.write_bytes(_MAGIC + _checksum(payload) + payload)
-            written.replace(self._new)
-            self._pending = True
+            if os.pwrite(self._slots[number], data, 0) < len(data):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         except OSError as error:
-            self._give_up(error)
+            self._fail(error)
+        else:
+            self._newest = number
+            self._failing = False
 
     def commit(self) -> None:
-        """Makes the latest state survive the loss of power; blocks while the disk writes."""
-        if not (self._usable and self._pending):
+        """Makes the newest state survive the loss of power; blocks while the disk writes."""
+        if self._newest is None or self._newest == self._durable:
             return
         try:
-            _sync(self._new)
-            self._new.replace(self._path)
-            _sync(self._path.parent)
+            os.fdatasync(self._slots[self._newest])
         except OSError as error:
-            self._give_up(error)
-        self._pending = False
+            self._fail(error)
+        else:
+            self._durable = self._newest
 
-    def _take(self, path: Path) -> int | None:
+    def _open(self) -> list[int]:
+        directory = self._path.parent
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            directory.mkdir(parents=True, exist_ok=True)
+            flags = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC
+            slots = [os.open(f"{self._path}.{number}", flags, 0o644) for number in range(_SLOTS)]
+            handle = os.open(directory, os.O_RDONLY | os.O_CLOEXEC)
+            os.fsync(handle)
+            os.close(handle)
         except OSError as error:
-            self._give_up(error)
-            return None
+            self._fail(error)
+            return []
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(slots[0], fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            os.close(lock)
-            raise Taken(f"another aggregator of this robot is running (lock {path})") from error
-        return lock
+            for slot in slots:
+                os.close(slot)
+            raise Taken(f"another aggregator of this robot keeps {self._path}") from error
+        return slots
 
-    def _give_up(self, error: OSError) -> None:
-        logger.error("faults will not outlive a restart: %s", error)
-        self._usable = False
-
-
-def _read(path: Path, keep_broken: bool) -> State | None:
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        logger.error("cannot read %s: %s", path, error)
-        return None
-    start = len(_MAGIC) + _CHECKSUM_BYTES
-    payload = data[start:]
-    if data[:start] == _MAGIC + _checksum(payload):
+    def _read(self, slot: int) -> bytes:
         try:
-            return wire.decode(payload, State)
-        except wire.Rejected as error:
-            logger.warning("%s: %s", path, error)
-    if keep_broken:
-        aside = path.with_suffix(".broken")
-        logger.warning("%s is broken; starting without memory, see %s", path, aside)
-        path.replace(aside)
-    return None
+            return os.pread(slot, os.fstat(slot).st_size, 0)
+        except OSError as error:
+            self._fail(error)
+            return b""
+
+    def _fail(self, error: OSError) -> None:
+        if not self._failing:
+            self._failing = True
+            logger.error("faults will not outlive a restart: %s: %s", self._path, error)
 
 
-def _checksum(payload: bytes) -> bytes:
-    return zlib.crc32(payload).to_bytes(_CHECKSUM_BYTES, "big")
+def _pack(serial: int, state: State) -> bytes:
+    payload = wire.encode(state)
+    return _HEAD.pack(_MAGIC, serial, len(payload), _checksum(serial, payload)) + payload
 
 
-def _sync(path: Path) -> None:
-    handle = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+def _unpack(data: bytes) -> tuple[int, State] | None:
+    if len(data) < _HEAD.size:
+        return None
+    magic, serial, length, checksum = _HEAD.unpack_from(data)
+    payload = data[_HEAD.size : _HEAD.size + length]
+    if (magic, checksum) != (_MAGIC, _checksum(serial, payload)):
+        return None
     try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+        return serial, wire.decode(payload, State)
+    except wire.Rejected as error:
+        logger.warning("a saved state of another wackel: %s", error)
+        return None
+
+
+def _checksum(serial: int, payload: bytes) -> int:
+    return zlib.crc32(payload, serial & 0xFFFFFFFF)

@@ -1,4 +1,4 @@
-"""What is kept over a restart, and what becomes of a broken file."""
+"""What is kept over a restart, and what becomes of broken files and disks."""
 
 import logging
 import shutil
@@ -11,9 +11,13 @@ from wackel_aggregator.store import Store, Taken
 from wackel_schemas.health import Transition
 
 
-def state(number: int) -> State:
+def state(number: int, changes: int = 1) -> State:
     change = Transition(number=number, stamp=0, subject="s", before="a", after="b")
-    return State(transitions=[change], faults=[])
+    return State(transitions=[change] * changes, faults=[])
+
+
+def slots(directory: Path) -> list[Path]:
+    return sorted(directory.glob("robot.health.*"))
 
 
 def test_there_is_nothing_at_first_and_the_directory_is_made(tmp_path: Path) -> None:
@@ -23,41 +27,56 @@ def test_there_is_nothing_at_first_and_the_directory_is_made(tmp_path: Path) -> 
 
 def test_what_was_prepared_survives_a_killed_process(tmp_path: Path) -> None:
     with Store(tmp_path / "state", "robot") as store:
-        store.prepare(state(1))
-        store.commit()
-        store.prepare(state(2))
-        shutil.copytree(tmp_path / "state", tmp_path / "as it was when killed")
-    with Store(tmp_path / "as it was when killed", "robot") as store:
-        assert store.load() == state(2)
+        for number in range(20):
+            store.prepare(state(number, changes=20 - number))
+            if number % 3 == 0:
+                store.commit()
+            killed = tmp_path / f"killed at {number}"
+            shutil.copytree(tmp_path / "state", killed)
+            with Store(killed, "robot") as other:
+                assert other.load() == state(number, changes=20 - number)
 
 
-def test_a_new_file_that_lost_power_falls_back_to_the_one_before(tmp_path: Path) -> None:
+def test_whatever_is_torn_by_a_loss_of_power_the_committed_state_is_there(tmp_path: Path) -> None:
     with Store(tmp_path, "robot") as store:
-        store.prepare(state(1))
-    (tmp_path / "robot.health.new").write_bytes(b"wackel health 1\n\0\0\0\0\0\0\0")
+        for number in range(9):
+            store.prepare(state(number))
+            if number == 4:
+                store.commit()
+                committed = [path.read_bytes() for path in slots(tmp_path)]
+        untouched = [
+            path
+            for path, data in zip(slots(tmp_path), committed, strict=True)
+            if path.read_bytes() == data
+        ]
+    assert len(untouched) == 1
+    for path in slots(tmp_path):
+        if path != untouched[0]:
+            path.write_bytes(path.read_bytes()[:10] + b"\0" * 100)
     with Store(tmp_path, "robot") as store:
-        assert store.load() == state(1)
+        assert store.load() == state(4)
 
 
-@pytest.mark.parametrize("damage", ["empty", "garbage", "cut", "flipped"])
-def test_a_broken_file_is_set_aside_with_a_warning(
+@pytest.mark.parametrize("damage", ["garbage", "cut", "flipped", "foreign"])
+def test_when_all_is_broken_it_is_set_aside_with_a_warning(
     tmp_path: Path, damage: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     with Store(tmp_path, "robot") as store:
-        store.prepare(state(1))
-    path = tmp_path / "robot.health"
-    data = path.read_bytes()
-    broken = {
-        "empty": b"",
-        "garbage": b"\xff" * 100,
-        "cut": data[:-1],
-        "flipped": data[:-1] + bytes([data[-1] ^ 1]),
-    }[damage]
-    path.write_bytes(broken)
+        for number in range(3):
+            store.prepare(state(number))
+    for path in slots(tmp_path):
+        data = path.read_bytes()
+        broken = {
+            "garbage": b"\xff" * 100,
+            "cut": data[:-1],
+            "flipped": data[:-1] + bytes([data[-1] ^ 1]) if data else b"",
+            "foreign": b"{}",
+        }
+        path.write_bytes(broken[damage])
     with caplog.at_level(logging.WARNING), Store(tmp_path, "robot") as store:
         assert store.load() is None
-        assert "broken" in caplog.text
-        assert (tmp_path / "robot.broken").read_bytes() == broken
+        assert caplog.text.count("is broken") == 1
+        assert (tmp_path / "robot.broken").read_bytes()
         store.prepare(state(5))
     with Store(tmp_path, "robot") as store:
         assert store.load() == state(5)
@@ -84,12 +103,14 @@ def test_a_directory_that_cannot_be_made_costs_only_the_memory(
     assert caplog.text.count("will not outlive") == 1
 
 
-def test_a_disk_that_fails_later_costs_only_the_memory(
+def test_a_full_disk_is_told_once_and_costs_only_the_memory(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    with Store(tmp_path / "d", "robot") as store:
-        (tmp_path / "d").rename(tmp_path / "moved")
-        store.prepare(state(1))
-        store.prepare(state(2))
-        store.commit()
-    assert caplog.text.count("will not outlive") == 1
+    for number in range(3):
+        (tmp_path / f"robot.health.{number}").symlink_to("/dev/full")
+    with Store(tmp_path, "robot") as store:
+        assert store.load() is None
+        for number in range(5):
+            store.prepare(state(number))
+            store.commit()
+    assert caplog.text.count("No space left") == 1
