@@ -198,9 +198,11 @@ class Management:
             instruction = InstructionPacket(request.id, number, request.parameters).encode()
         except PacketError as error:
             raise Refused("no packet", str(error)) from error
+        ids = tuple(request.answers)
+        if len(set(ids)) < len(ids) or not all(0 <= servo_id <= MAX_ID for servo_id in ids):
+            raise Refused("unknown servo", f"answers = {request.answers}: each id once")
         expected = reader(instruction)
-        if request.answers and not expected.expectation.ids:
-            ids = tuple(request.answers)
+        if ids and not expected.expectation.ids:
             expected = AnswerReader(Expectation(ids, (STATUS_BYTES,) * len(ids)))
         answers = self._port.run(instruction, expected).answers
         missing = ", ".join(map(str, answers.missing))

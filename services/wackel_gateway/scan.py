@@ -1,6 +1,7 @@
 """``wackel scan``: who is on a bus, and a robot.toml to start from."""
 
 import argparse
+import re
 import signal
 import sys
 from collections.abc import Sequence
@@ -105,12 +106,13 @@ def id_list(text: str) -> list[int]:
     """Ids as people write them: ``1-20,30``. Raises ArgumentTypeError."""
     ids: list[int] = []
     for part in text.split(","):
-        first, _, last = part.partition("-")
-        if not (first.strip().isdecimal() and (not last or last.strip().isdecimal())):
+        match = re.fullmatch(r"\s*([0-9]{1,3})(?:-([0-9]{1,3}))?\s*", part)
+        if match is None:
             raise argparse.ArgumentTypeError(f"{part!r} is no id and no range such as 1-20")
-        ids.extend(range(int(first), int(last or first) + 1))
-    if not ids or max(ids) > ALL_IDS[-1]:
-        raise argparse.ArgumentTypeError(f"ids are 0 to {ALL_IDS[-1]}")
+        first, last = int(match[1]), int(match[2] or match[1])
+        if not first <= last <= ALL_IDS[-1]:
+            raise argparse.ArgumentTypeError(f"{part!r}: ids are 0 to {ALL_IDS[-1]}")
+        ids.extend(range(first, last + 1))
     return list(dict.fromkeys(ids))
 
 
