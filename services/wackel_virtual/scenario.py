@@ -22,18 +22,9 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from wackel_node.config import (
-    BusConfig,
-    ConfigError,
-    Name,
-    Positive,
-    RobotConfig,
-    ServoConfig,
-    Share,
-    load,
-    parse,
-)
+from wackel_node.config import BusConfig, ConfigError, RobotConfig, ServoConfig, load, parse
 from wackel_node.config_errors import first_problem
+from wackel_node.config_types import Name, Positive, Share
 from wackel_node.toml_text import toml_text
 from wackel_schemas.virtual import Injection
 from wackel_virtual.bus import VirtualBus
