@@ -57,7 +57,7 @@ class Node(Link):
         if exc is None or isinstance(exc, KeyboardInterrupt):
             self._enter("stopping")
         else:
-            logger.error("crashed", exc_info=exc)
+            logger.error("crashed: %s", _reason(exc))  # the interpreter prints the traceback
             self._wait_for_a_reader()
             self._enter("crashed", _reason(exc))
         notify("STOPPING=1")

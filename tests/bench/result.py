@@ -1,0 +1,81 @@
+"""How a measurement is shown: the figure, its peer in the same run, the budget, and whether met."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from statistics import median
+from time import perf_counter_ns, process_time_ns
+
+from rich.table import Table
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One measured figure.
+
+    Attributes:
+        name: What was measured.
+        value: In ``unit``.
+        peer: What it is held against, and its figure in the same unit; absent if the budget is
+            absolute.
+        budget: Largest allowed value/peer, or value; absent if the figure only informs.
+        at_least: The budget is a least instead of a largest value.
+    """
+
+    name: str
+    value: float
+    unit: str
+    peer: tuple[str, float] | None = None
+    budget: float | None = None
+    at_least: bool = False
+
+    @property
+    def compared(self) -> float:
+        """What the budget applies to: the ratio to the peer, or the value."""
+        return self.value / self.peer[1] if self.peer else self.value
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the budget is met; absent without one."""
+        if self.budget is None:
+            return None
+        return self.compared >= self.budget if self.at_least else self.compared <= self.budget
+
+
+def table(title: str, figures: list[Figure]) -> Table:
+    """The figures as people read them."""
+    shown = Table(title=title, title_justify="left")
+    for heading in ("what", "figure", "peer in the same run", "ratio", "budget", "met"):
+        shown.add_column(heading, justify="left" if heading in ("what", "met") else "right")
+    for figure in figures:
+        sign = "≥" if figure.at_least else "≤"
+        shown.add_row(
+            figure.name,
+            f"{figure.value:.4g} {figure.unit}",
+            f"{figure.peer[0]}: {figure.peer[1]:.4g} {figure.unit}" if figure.peer else "",
+            f"{figure.compared:.3f}" if figure.peer else "",
+            f"{sign} {figure.budget:g}" if figure.budget is not None else "",
+            {True: "[green]yes", False: "[red]NO", None: ""}[figure.met],
+        )
+    return shown
+
+
+def side_by_side(
+    *actions: Callable[[], object], rounds: int = 60, calls: int = 50, cpu: bool = False
+) -> list[float]:
+    """Median µs a call of each action, measured in turn so that a drift of the machine hits all.
+
+    Args:
+        actions: What to measure.
+        rounds: How often each has its turn.
+        calls: Calls a turn.
+        cpu: Measure the process's CPU time instead of the wall clock.
+    """
+    now = process_time_ns if cpu else perf_counter_ns
+    samples: list[list[float]] = [[] for _ in actions]
+    for _ in range(rounds):
+        for action, mine in zip(actions, samples, strict=True):
+            begin = now()
+            for _ in range(calls):
+                action()
+            mine.append((now() - begin) / calls / 1000)
+    return [median(mine) for mine in samples]
