@@ -87,12 +87,20 @@ class Alerts:
         self._servos[position] = _Servo()
         self._count()
 
-    def undervoltage(self, position: int) -> bool:
-        """Whether a servo reports that its input voltage is out of limits."""
-        status = self._servos[position].status
-        return bool(status) and "input voltage" in hardware_errors(
-            status or 0, self._series[position]
-        )
+    def complaining(self) -> list[int]:
+        """Positions of the servos that report a hardware error."""
+        if not self._raised:
+            return []
+        return [place for place, servo in enumerate(self._servos) if servo.alert_ns is not None]
+
+    def undervoltage(self) -> list[int]:
+        """Positions of those that are known to mean their input voltage."""
+        return [
+            place
+            for place in self.complaining()
+            if "input voltage"
+            in hardware_errors(self._servos[place].status or 0, self._series[place])
+        ]
 
     def findings(self, now_ns: int) -> list[Finding]:
         """The complaints of all servos."""

@@ -74,6 +74,7 @@ class BusClassifier:
         self._slot = 0
         self._calm = True  # nothing is wrong or suspicious
         self._goals_due = True  # goals are looked at once a slot
+        self._incomplete = False  # whether the last transaction missed an answer
         self._missed: list[int] = []  # positions, in the last transaction that missed any
 
     def active(self) -> list[FaultReport]:
@@ -105,14 +106,14 @@ class BusClassifier:
                     self._contents(transaction, request, answers)
             else:
                 quiet = False
-                self._look(transaction, request, answers)
+                self._look(transaction, request, answers, data)
         elif self._goals_due and instruction[PREFIX_BYTES : PREFIX_BYTES + 1] == _SYNC_WRITE:
             self._goals_due = not self._frozen.command(instruction)
         if transaction.host_lag_ns >= HOST_LATE_NS:
             self._timing.host_lag(transaction.host_lag_ns, self._now_ns, stamp)
             quiet = False
         if self._now_ns >= self._slot_end_ns:
-            self._end_slot()
+            self._end_slot(stamp)
         elif quiet:
             return []
         return self._conclude(transaction)
@@ -125,12 +126,14 @@ class BusClassifier:
 
     # A closer look.
 
-    def _look(self, transaction: Transaction, request: Request, answers: Answers) -> None:
+    def _look(
+        self, transaction: Transaction, request: Request, answers: Answers, data: bytes
+    ) -> None:
         """At a transaction that is not as it should be, or comes while something is wrong."""
         stamp, now_ns = transaction.stamp, self._now_ns
         window_ns = transaction.ended_ns - transaction.sent_ns
         capacity = window_ns * transaction.baud_rate // (BITS_PER_BYTE * 1_000_000_000)
-        symptoms = examine(request.expectation, answers, capacity)
+        symptoms = examine(request.expectation, answers, data, capacity)
         if answers.clean:
             self._jammers.clean()
         else:
@@ -153,6 +156,7 @@ class BusClassifier:
             self._losses.reset()
         self._foreign(transaction, request, answers, symptoms, jammed=jammed)
         self._missed = missed or self._missed
+        self._incomplete = bool(answers.missing)
         for status in answers.statuses:
             position = self._chain.position.get(status.id)
             if position is not None:
@@ -195,7 +199,9 @@ class BusClassifier:
         if any(isinstance(s.packet, InstructionPacket) for s in answers.segments or ()):
             self._strangers.master(now_ns, stamp)
         foreign = symptoms.stray + symptoms.broken
-        if foreign and not jammed and not symptoms.rhythmic and not answers.unexpected:
+        # What comes after something was missing may be what was missing.
+        late = self._incomplete
+        if foreign and not jammed and not symptoms.rhythmic and not answers.unexpected and not late:
             if symptoms.stray:
                 self._losses.stray(now_ns, stamp)
             self._strangers.unexplained(now_ns, stamp)
@@ -204,15 +210,11 @@ class BusClassifier:
         """What intact answers say."""
         stamp, now_ns = transaction.stamp, self._now_ns
         times = transaction.response_times
-        if times and transaction.host_lag_ns < HOST_SPOILS_NS and not answers.missing:
-            expectation = request.expectation
-            if request.single is not None:
-                size = STATUS_BYTES + len(answers.statuses[0].parameters)
-                self._timing.response(
-                    request.single, times[-1].ns, size, transaction.baud_rate, stamp
-                )
-            elif expectation.fast and request.slot != self._slot:
-                self._timing.group(times[-1].ns, expectation.total_bytes, transaction.baud_rate)
+        single = request.single
+        on_time = transaction.host_lag_ns < HOST_SPOILS_NS
+        if single is not None and times and answers.clean and on_time:
+            size = STATUS_BYTES + len(answers.statuses[0].parameters)
+            self._timing.response(single, times[-1].ns, size, transaction.baud_rate, stamp)
         look_at_motion = request.has_motion and request.slot != self._slot
         request.slot = self._slot
         if not request.has_fields and not look_at_motion:
@@ -243,7 +245,7 @@ class BusClassifier:
             case "hardware_error_status":
                 self._alerts.hardware_error(position, raw, self._now_ns, stamp)
             case "present_input_voltage":
-                self._supply.voltage(position, register.to_si(raw), self._now_ns, stamp)
+                self._supply.voltage(position, register.to_si(raw), self._now_ns)
             case "torque_enable":
                 self._frozen.torque(position, bool(raw))
 
@@ -257,13 +259,13 @@ class BusClassifier:
                     self._reach.answered(position, self._now_ns)
                 request.clean = 0
 
-    def _end_slot(self) -> None:
+    def _end_slot(self, stamp: int) -> None:
         self._count_clean()
         self._losses.end_slot()
         self._slot += 1
         if self._slot % TICK_SLOTS == 0:
             self._timing.tick()
-            self._supply.tick(self._now_ns, self._alerts)
+            self._supply.tick(self._now_ns, stamp)
         self._slot_end_ns = self._now_ns + self._slot_ns
         self._goals_due = True
 
@@ -271,7 +273,7 @@ class BusClassifier:
         """What has changed with this transaction."""
         now_ns, stamp = self._now_ns, transaction.stamp
         jammers, reach = self._jammers, self._reach
-        findings = [finding for finding in (jammers.rhythmic, jammers.permanent) if finding]
+        findings = jammers.findings()
         loss = JAMMED_LOSS if jammers.permanent else self._losses.share
         findings += reach.findings(now_ns, loss)
         for position in reach.take_newly_gone():
@@ -283,7 +285,8 @@ class BusClassifier:
             findings += self._losses.findings(now_ns)
         findings += self._timing.findings(now_ns, stamp)
         findings += self._alerts.findings(now_ns)
-        findings += self._supply.findings()
+        alerts = self._alerts
+        findings += self._supply.findings(alerts.complaining(), alerts.undervoltage(), stamp)
         findings += self._frozen.findings(now_ns, self._alerts)
         if findings:
             self._strangers.explained()

@@ -6,6 +6,7 @@ and what the evidence has in common.
 
 from wackel_classifier.chain import Chain
 from wackel_classifier.findings import Finding
+from wackel_schemas import component
 from wackel_schemas.fault_codes import EXPLAINS
 
 SAME_TIME_NS = 1_000_000_000
@@ -20,6 +21,8 @@ _ALSO = {
     "host_lag": frozenset(("slow_servo", "latency_timer")),
     "low_supply": frozenset(("undervoltage",)),
     "lost_signal": frozenset(("stray_data", "packet_loss")),
+    "packet_loss": frozenset(("stray_data",)),  # two losses in one answer leave half packets
+    "crc_errors": frozenset(("stray_data",)),
 }
 _NEVER_ALONE = "unclassified"
 
@@ -62,31 +65,25 @@ def _supplied_through(cable: str, chain: Chain) -> list[str]:
 
 def _place_jammer(findings: list[Finding], chain: Chain) -> list[Finding]:
     """A jammer resembles a servo that does not send (thesis, 2.5.4): if one fell silent when the
-    jamming began, it is the jammer.
+    jamming began, it is the jammer, and stays so while the jamming lasts.
     """
     jammer = next((f for f in findings if f.code in ("rhythmic_jammer", "permanent_jammer")), None)
     if jammer is None:
         return findings
-    silent = [
+    mute = [
         finding
         for finding in findings
         if (finding.code == "servo_silent" or _is_last_servo(finding, chain))
         and abs(finding.since - jammer.since) <= SAME_TIME_NS
     ]
-    if len(silent) != 1:
-        return findings
-    [mute] = silent
-    last = mute.code == "cable_break"
-    placed = Finding(
-        jammer.code,
-        mute.suspects[0] if last else mute.component,
-        0.7 if last else 0.9,
-        jammer.since,
-        f"{jammer.summary}; it fell silent when that began",
-        jammer.values,
-        [mute.component] if last else [],
-    )
-    return [placed, *(f for f in findings if f is not jammer and f is not mute)]
+    if len(mute) == 1 and jammer.component == component.bus(chain.bus):
+        last = mute[0].code == "cable_break"
+        jammer.component = mute[0].suspects[0] if last else mute[0].component
+        jammer.suspects = [mute[0].component] if last else []
+        jammer.confidence = 0.7 if last else 0.9
+        jammer.summary += "; it fell silent when that began"
+    blamed = (jammer.component, *jammer.suspects)
+    return [f for f in findings if f not in mute or f.component not in blamed]
 
 
 def _is_last_servo(finding: Finding, chain: Chain) -> bool:

@@ -29,6 +29,10 @@ class Jammers:
         self.rhythmic: Finding | None = None
         self.permanent: Finding | None = None
 
+    def findings(self) -> list[Finding]:
+        """The jammer that is there."""
+        return [finding for finding in (self.rhythmic, self.permanent) if finding]
+
     @property
     def suspicious(self) -> bool:
         """Whether the next transactions matter even if they are clean."""

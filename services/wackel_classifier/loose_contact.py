@@ -130,12 +130,14 @@ class Verdict:
         position: Of the servo, or of the servo that the cable leads to; 0 for the bus.
         confidence: Posterior probability with equal priors for causes and, among those, places.
         others: Explanations whose probability is at least a tenth of the likeliest one's.
+        second: Position of the servo that a second bad cable leads to, if there are two.
     """
 
     cause: Cause
     position: int
     confidence: float
     others: list[tuple[Cause, int]]
+    second: int | None = None
 
 
 _MARKS = {
@@ -151,6 +153,11 @@ ever where an answer is damaged on its way and its successors go on."""
 _FIRST_BEHIND = 0.65
 """How often it is the first servo behind an open contact that fails first. The rest: the contact
 opens when some behind it have already answered."""
+SECOND_ODDS = math.log(20 / 1e-3)
+"""By how much, as a logarithm of odds, a second bad cable must explain more: one of twenty may be
+it, and seem so once in a thousand times."""
+SECOND_EVENTS = 4
+"""Failures at its own place that a second bad cable needs."""
 _LEAST_ORDINARY = 0.003
 """Share of events that no explanation needs to provide for, at the least."""
 _INSTRUCTION = 2.0
@@ -183,7 +190,30 @@ def judge(events: Counter[Event], size: int, ordinary: float) -> Verdict | None:
     weights = {key: math.exp(score - best) for key, score in scores.items()}
     others = [key for key, weight in weights.items() if weight >= 0.1 and key != (cause, position)]
     others.sort(key=lambda key: -weights[key])
-    return Verdict(cause, position, 1.0 / sum(weights.values()), others)
+    second = _second_contact(events, position, size, ordinary) if cause is Cause.CONTACT else None
+    return Verdict(cause, position, 1.0 / sum(weights.values()), others, second)
+
+
+def _second_contact(events: Counter[Event], one: int, size: int, ordinary: float) -> int | None:
+    """Another bad cable without which the events cannot be understood."""
+    alone = _score(events, Cause.CONTACT, one, size, ordinary)
+    best, place = alone + SECOND_ODDS, None
+    at = Counter[int]()
+    for event, count in events.items():
+        at[event.position] += count
+    for other in range(size):
+        if at[other] < SECOND_EVENTS or other == one:
+            continue
+        share = at[one] / (at[one] + at[other])
+        score = 0.0
+        for event, count in events.items():
+            own = share * _likelihood(event, Cause.CONTACT, one, size)
+            own += (1 - share) * _likelihood(event, Cause.CONTACT, other, size)
+            background = _likelihood(event, Cause.BUS, 0, size)
+            score += count * math.log((1 - ordinary) * own + ordinary * background)
+        if score > best:
+            best, place = score, other
+    return place
 
 
 def _score(

@@ -5,6 +5,7 @@ matter (see ``reach``). Sequential tests decide whether there are more failures 
 their places and traces decide why.
 """
 
+import math
 from collections import Counter, deque
 
 from wackel_classifier.chain import Chain
@@ -25,14 +26,24 @@ STRAY_NS = 5_000_000_000
 """How long stray bytes are told after the last of them."""
 RECONNECTS = 2
 """So often a cable must break and come back within three windows to be loose."""
+LIKELY = 0.5
+"""Probability that a verdict needs without a statistical test: rather it than all others."""
+SURE = 0.95
+"""Probability that another verdict needs to replace one that has been told."""
 MOST_EVENTS = 2000
 """Events kept; a window of 10 s in which every second answer of a fast bus fails has no more that
 tell anything new."""
 LONGEST_WINDOW = 20_000
 """Samples; bounds memory whatever the configuration says."""
-DAMAGED_SHARE = 0.74
-"""Above it, damage rather than loss is the name: midway, in likelihood, between noise, which
-damages nine of ten and loses the rest, and loss that damages half."""
+_DAMAGED = math.log(0.9 / 0.5)
+_LOST = math.log(0.1 / 0.5)
+"""What one failure says for damage against loss: noise damages nine of ten and loses the rest; a
+bad line that loses answers damages about half of them."""
+NAME_ODDS = math.log(10)
+RENAME_ODDS = math.log(100)
+"""Logarithm of the odds at which one of both names is used, and at which the other replaces it."""
+NAME_EVENTS = 30
+"""With so many failures the likelier name is used whatever the odds."""
 
 
 class Losses:
@@ -67,6 +78,8 @@ class Losses:
         self._contact = False
         self._verdict: Verdict | None = None
         self._judged = True
+        self._code: str | None = None  # what failures of a servo or of the bus are called
+        self._told = False  # whether the verdict has become a finding
         self._strays: deque[int] = deque(maxlen=STRAYS)
         self._reconnects: deque[tuple[int, int]] = deque(maxlen=16)
         self._since = 0
@@ -93,6 +106,8 @@ class Losses:
         if event.mark is Mark.DAMAGED or event.cut is False:
             self._commit(event, stamp)  # it is there
             return
+        if any(self._pending[: event.position]):
+            return  # what silences one nearer to the adapter may silence it, too
         pending = self._pending[event.position]
         if len(pending) < COUNTED_IN_ROW:
             pending.append(event)
@@ -143,10 +158,11 @@ class Losses:
     def findings(self, now_ns: int) -> list[Finding]:
         """What the failures mean."""
         findings = []
-        contact = self._reconnecting()
-        explained = contact or self._explain()
-        if explained is not None:
-            findings.append(explained)
+        reconnecting = self._reconnecting()
+        explained = [reconnecting] if reconnecting else self._explain()
+        if explained:
+            self._told = True
+            findings += explained
         while self._strays and now_ns - self._strays[-1] > STRAY_NS:
             self._strays.clear()
         if len(self._strays) == STRAYS:
@@ -195,10 +211,14 @@ class Losses:
             window.expire(self._slot)
         while self._reconnects and self._reconnects[0][0] <= self._slot - 3 * self._samples:
             self._reconnects.popleft()
-        if not self._events:
-            self._contact = False
-            for test in self._tests:
-                if test.alarmed:
+        # An alarm ends when the window holds no more failures than are ordinary.
+        for position, test in enumerate(self._tests):
+            if test.alarmed:
+                whole = position == len(self._chain)
+                failures = len(self._events) if whole else self._window_failures[position]
+                trials = sum(self._window_trials) if whole else self._window_trials[position]
+                expected = self._ordinary * trials
+                if failures <= expected + 2 * math.sqrt(expected) + 1:
                     test.reset()
 
     def _reconnecting(self) -> Finding | None:
@@ -212,34 +232,49 @@ class Losses:
         summary = f"the connection was gone and came back {count} times"
         return self._loose(position, 0.9, [], summary, {"reconnects": count})
 
-    def _explain(self) -> Finding | None:
+    def _explain(self) -> list[Finding]:
         alarmed = any(test.alarmed for test in self._tests)
-        sparking = self._sparks >= (1 if self._contact else SPARKS)
+        sparks = self._sparks + len(self._strays) if self._events else 0
+        sparking = sparks >= (1 if self._contact else SPARKS)
         if not (alarmed or sparking):
-            self._contact = False
-            return None
+            self._contact = self._told = False
+            self._code = None
+            return []
         if not self._judged:
             ordinary = self._ordinary * sum(self._window_trials) / max(1, len(self._events))
-            self._verdict = judge(self._counts, len(self._chain), ordinary)
+            self._verdict = self._settled(judge(self._counts, len(self._chain), ordinary))
             self._judged = True
         verdict = self._verdict
         if verdict is None:
-            return None
+            return []
+        found = None
         match verdict.cause:
             case Cause.CONTACT:
                 return self._intermittent(verdict)
             case Cause.SERVO if alarmed:
-                return self._of_servo(verdict)
+                found = self._of_servo(verdict)
             case Cause.BUS if alarmed:
-                return self._of_bus(verdict)
-        return None
+                found = self._of_bus(verdict)
+        return [] if found is None else [found]
 
-    def _intermittent(self, verdict: Verdict) -> Finding | None:
+    def _settled(self, verdict: Verdict | None) -> Verdict | None:
+        """The new verdict if it differs from the old one in more than its doubts."""
+        old = self._verdict
+        if old is None or verdict is None or not self._told:
+            return verdict
+        same = (old.cause, old.position) == (verdict.cause, verdict.position)
+        if same:
+            clearer = (old.others and not verdict.others) or old.second is None
+            return verdict if clearer else old
+        return verdict if verdict.confidence >= SURE else old
+
+    def _intermittent(self, verdict: Verdict) -> list[Finding]:
         window, limits = self._windows[verdict.position], self._limits
         spread = window.evenness
         by_time = limits.rate_low <= window.rate <= limits.rate_high and spread >= limits.evenness
-        if not (by_time or self._contact or self._sparks >= SPARKS):
-            return None
+        sparking = self._sparks + len(self._strays) >= SPARKS
+        if not (by_time or self._contact or (sparking and verdict.confidence >= LIKELY)):
+            return []
         self._contact = True
         kind = "in bursts" if window.bursts else "scattered"
         events = len(self._events)
@@ -254,9 +289,11 @@ class Losses:
             "pattern": kind,
             "sparks": self._sparks,
         }
-        return self._loose(
-            verdict.position, verdict.confidence, self._named(verdict.others), summary, values
-        )
+        suspects = self._named(verdict.others)
+        found = [self._loose(verdict.position, verdict.confidence, suspects, summary, values)]
+        if verdict.second is not None:
+            found.append(self._loose(verdict.second, verdict.confidence, [], summary, values))
+        return found
 
     def _loose(
         self,
@@ -278,10 +315,12 @@ class Losses:
             place = cable
         return Finding("loose_contact", place, confidence, self._since, summary, values, suspects)
 
-    def _of_servo(self, verdict: Verdict) -> Finding:
+    def _of_servo(self, verdict: Verdict) -> Finding | None:
         position = verdict.position
         failures, trials = self._window_failures[position], self._window_trials[position]
-        code = "crc_errors" if self._mostly_damaged() else "packet_loss"
+        code = self._name_of("crc_errors")
+        if code is None:
+            return None
         return Finding(
             code,
             self._chain.servo(position),
@@ -292,9 +331,11 @@ class Losses:
             self._named(verdict.others),
         )
 
-    def _of_bus(self, verdict: Verdict) -> Finding:
+    def _of_bus(self, verdict: Verdict) -> Finding | None:
         failures, trials = sum(self._window_failures), sum(self._window_trials)
-        code = "noise" if self._mostly_damaged() else "packet_loss"
+        code = self._name_of("noise")
+        if code is None:
+            return None
         return Finding(
             code,
             component.bus(self._chain.bus),
@@ -305,15 +346,26 @@ class Losses:
             self._named(verdict.others),
         )
 
-    def _mostly_damaged(self) -> bool:
-        """Whether answers come damaged rather than not at all, where that can be told."""
-        told = damaged = 0
+    def _name_of(self, damage: str) -> str | None:
+        """``damage`` if answers come damaged, ``packet_loss`` if they are lost; None: unclear."""
+        odds, told = 0.0, 0
         for event, count in self._counts.items():
-            # Silence of all behind may be the instruction's loss; it says nothing.
-            if event.mark is Mark.DAMAGED or (event.cut is False or event.alone):
-                told += count
-                damaged += count * (event.mark is Mark.DAMAGED)
-        return told > 0 and damaged >= DAMAGED_SHARE * told
+            # Silence of all behind it may be the instruction's loss; it says nothing.
+            if event.mark is Mark.DAMAGED:
+                odds += count * _DAMAGED
+            elif event.cut is False or event.alone:
+                odds += count * _LOST
+            else:
+                continue
+            told += count
+        needed = RENAME_ODDS if self._code else 0.0 if told >= NAME_EVENTS else NAME_ODDS
+        if self._code is None or abs(odds) >= needed:
+            if abs(odds) < needed:
+                return None
+            self._code = damage if odds > 0 else "packet_loss"
+        elif self._code != "packet_loss":
+            self._code = damage
+        return self._code
 
     def _rate(self, failures: int, trials: int) -> str:
         low, high = wilson(failures, failures + trials)

@@ -19,6 +19,9 @@ these; short enough to name a break well within a second."""
 RESOLVE_NS = 600_000_000
 """How long to wait until the servos behind a missing one have been asked on their own. Who asks
 them is the gateway in mode poll; in the other modes nobody may, and then it stays open."""
+SAME_NS = 300_000_000
+"""Servos that fall silent within this time may have one cause: the master notices those behind an
+open contact by and by, as it asks them on their own."""
 BACK_ANSWERS = 3
 """Answers in a row after which a servo that was gone is back: one may slip through."""
 CHANCE = 1e-10
@@ -80,6 +83,8 @@ class Reach:
         if not servo.misses:
             return 0
         if not servo.gone:
+            if servo.misses > 1:
+                self._renew(servo.missed_ns)
             return self._clear(servo)
         if position >= self._cut:
             # The cable is connected again, or never was the cause: all behind it begin anew.
@@ -92,6 +97,12 @@ class Reach:
             if servo.back >= BACK_ANSWERS:
                 self._clear(servo)
         return 0
+
+    def _renew(self, missed_ns: int) -> None:
+        """One of those that fell silent at this time is back: the others may be, too."""
+        for servo in self._servos:
+            if servo.misses and not servo.gone and abs(servo.missed_ns - missed_ns) < SAME_NS:
+                self._clear(servo)
 
     def take_newly_gone(self) -> list[int]:
         """Positions that have become unreachable since this was last asked."""

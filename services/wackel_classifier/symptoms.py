@@ -8,11 +8,11 @@ which bytes belong to nobody.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from itertools import accumulate
 
 from wackel_protocols.dynamixel2.answers import Answers
 from wackel_protocols.dynamixel2.expectation import FAST_PREFIX_BYTES, Expectation
-from wackel_protocols.dynamixel2.packet import PREFIX_BYTES
+from wackel_protocols.dynamixel2.fast import parse_fast
+from wackel_protocols.dynamixel2.packet import HEADER, PREFIX_BYTES
 from wackel_protocols.dynamixel2.scanner import Kind, Segment
 
 BITS_PER_BYTE = 10  # start, eight, stop
@@ -20,6 +20,8 @@ BITS_PER_BYTE = 10  # start, eight, stop
 PAUSE_FILLED = 0.5
 """Share of the pauses that foreign bytes fill when somebody writes without pause. A jammer fills
 them all; the rest is slack for a window that is reported longer than the host listened."""
+LEAST_BEATS = 2
+"""Zeros at the right places within one fast answer that make a rhythm: one may be a spark."""
 PAUSE_BYTES = 8
 """Fewer foreign bytes say nothing about a pause: a contact that sparks throws some."""
 
@@ -91,22 +93,24 @@ class Symptoms:
         return Sign.STRAY if self.zeros else Sign.HEALTHY
 
 
-def examine(expectation: Expectation, answers: Answers, capacity: int) -> Symptoms:
+def examine(expectation: Expectation, answers: Answers, data: bytes, capacity: int) -> Symptoms:
     """The symptoms of one transaction.
 
     Args:
         expectation: What had to come.
-        answers: What came.
+        answers: What came, read.
+        data: What came.
         capacity: Bytes that the wire could have carried while the host listened.
     """
-    if answers.segments is None:
+    if answers.segments is None and not answers.missing:
         return Symptoms([Outcome.ANSWERED] * len(expectation.ids), len(expectation.ids) or 1)
     if expectation.broadcast_ping or expectation.fast:
-        symptoms = _without_places(expectation, answers)
+        symptoms = _without_places(expectation, answers, data)
     else:
         symptoms = _by_places(expectation, answers)
-    symptoms.rhythmic = _is_rhythmic(answers.segments)
-    taken = sum(s.end - s.start for s in answers.segments if s.kind is Kind.PACKET)
+    segments = answers.segments or []
+    symptoms.rhythmic = symptoms.rhythmic or _is_rhythmic(segments)
+    taken = sum(s.end - s.start for s in segments if s.kind is Kind.PACKET)
     foreign = symptoms.zeros + symptoms.stray + symptoms.broken
     if capacity > taken:
         symptoms.filled = min(1.0, foreign / (capacity - taken))
@@ -205,14 +209,12 @@ def _damaged_in_place(
     return 0
 
 
-def _without_places(expectation: Expectation, answers: Answers) -> Symptoms:
+def _without_places(expectation: Expectation, answers: Answers, data: bytes) -> Symptoms:
     """For a fast answer (one packet) and a broadcast ping (each servo in its own time slot)."""
-    assert answers.segments is not None
-    symptoms = Symptoms([], sum(s.kind is Kind.PACKET for s in answers.segments))
-    total = 0
-    for segment in answers.segments:
+    segments = answers.segments or []
+    symptoms = Symptoms([], len(answers.statuses))
+    for segment in segments:
         size = segment.end - segment.start
-        total += size
         if segment.kind is Kind.ZEROS:
             symptoms.zeros += size
         elif segment.kind is Kind.STRAY:
@@ -225,34 +227,90 @@ def _without_places(expectation: Expectation, answers: Answers) -> Symptoms:
             for servo_id in expectation.ids
         ]
         return symptoms
-    symptoms.packets += len(answers.statuses)
-    _judge_fast(symptoms, expectation, answers, total)
+    _judge_fast(symptoms, expectation, answers, data)
     return symptoms
 
 
-def _judge_fast(symptoms: Symptoms, expectation: Expectation, answers: Answers, total: int) -> None:
-    """Each CRC covers all before it, so nothing is known of those behind the first failure."""
-    ends = accumulate(expectation.lengths, initial=FAST_PREFIX_BYTES)
-    failed = False
-    for servo_id, start, length in zip(expectation.ids, ends, expectation.lengths, strict=False):
-        if servo_id not in answers.missing:
-            symptoms.outcomes.append(Outcome.ANSWERED)
-            continue
-        if failed:
-            symptoms.outcomes.append(Outcome.UNTESTED)
-            continue
-        failed = True
-        spoken = total - (0 if start == FAST_PREFIX_BYTES else start)
-        if total == expectation.total_bytes or spoken == length:
-            outcome = Outcome.DAMAGED
-        elif total == expectation.total_bytes - length or spoken > length:
-            outcome = Outcome.LOST  # others have spoken after it
-        else:
-            outcome = Outcome.SILENT
-        symptoms.outcomes.append(outcome)
-        if spoken == 0 or outcome in (Outcome.DAMAGED, Outcome.LOST):
-            # The beginning of the frame, or bytes in their place: nothing foreign.
-            symptoms.stray = symptoms.broken = 0
+def _judge_fast(
+    symptoms: Symptoms, expectation: Expectation, answers: Answers, data: bytes
+) -> None:
+    """Accounts for a fast answer: each servo's block has its place in the one packet."""
+    ids, lengths = expectation.ids, expectation.lengths
+    beats = _beats(expectation, data)
+    if beats:
+        symptoms.rhythmic = True
+        silent = [Outcome.SILENT] + [Outcome.UNTESTED] * len(ids)
+        symptoms.outcomes = ([Outcome.ANSWERED] * beats + silent)[: len(ids)]
+        symptoms.packets = symptoms.zeros = beats
+        symptoms.stray = symptoms.broken = 0
+        return
+    missing = answers.missing
+    outcomes = symptoms.outcomes = [
+        Outcome.UNTESTED if servo_id in missing else Outcome.ANSWERED for servo_id in ids
+    ]
+    tail = len(ids)
+    while tail and outcomes[tail - 1] is not Outcome.ANSWERED:
+        tail -= 1
+    # Blocks have fixed places, so one between intact ones came damaged; a damaged CRC costs the
+    # next block, too, which says nothing about its servo.
+    for index in range(tail):
+        damaged_before = index and outcomes[index - 1] is Outcome.DAMAGED
+        if outcomes[index] is not Outcome.ANSWERED and not damaged_before:
+            outcomes[index] = Outcome.DAMAGED
+    head = 0 if tail else FAST_PREFIX_BYTES
+    foreign = data[answers.statuses[-1].end :] if tail else data
+    if tail < len(ids):
+        rest = head + sum(lengths[tail:])
+        outcomes[tail], in_place = _judge_tail(foreign, head + lengths[tail], rest, ids[tail])
+    else:
+        in_place = not foreign
+    symptoms.broken = 0
+    symptoms.zeros = 0 if in_place else foreign.count(0)
+    symptoms.stray = 0 if in_place else len(foreign) - symptoms.zeros
+    if not in_place and tail < len(ids) and outcomes[tail] is Outcome.DAMAGED:
+        symptoms.broken, symptoms.zeros, symptoms.stray = len(foreign), 0, 0
+
+
+def _judge_tail(tail: bytes, own: int, rest: int, servo_id: int) -> tuple[Outcome, bool]:
+    """What became of the first servo behind the intact part of a fast answer.
+
+    Args:
+        tail: Bytes behind the intact part.
+        own: Bytes that this servo had to send.
+        rest: Bytes that it and all behind it had to send.
+        servo_id: Its id.
+
+    Returns:
+        The outcome, and whether these bytes are what is left of answers and not foreign.
+    """
+    if not tail.strip(b"\0") and len(tail) <= 1:
+        return Outcome.SILENT, True
+    mine = tail[1:2] == bytes((servo_id,)) or tail.startswith(HEADER[:3])
+    if len(tail) == rest - own and not mine:
+        return Outcome.LOST, True  # the others have spoken after it
+    if len(tail) in (rest, own):
+        return Outcome.DAMAGED, True
+    if len(tail) > rest:
+        return Outcome.UNTESTED, False  # among foreign bytes it cannot be told
+    return (Outcome.DAMAGED if mine else Outcome.SILENT), False
+
+
+def _beats(expectation: Expectation, data: bytes) -> int:
+    """How many blocks of a fast answer are intact but for a zero after each; 0 if they are not."""
+    start = 1 if data[:1] == b"\0" else 0
+    parts = bytearray()
+    count = 0
+    for length in expectation.lengths:
+        end = start + length + (0 if count else FAST_PREFIX_BYTES)
+        if end > len(data) or data[end : end + 1] not in (b"\0", b""):
+            break
+        parts += data[start:end]
+        start = end + 1
+        count += 1
+    if count < LEAST_BEATS or data[start:].strip(b"\0") or len(data) > start + 1:
+        return 0
+    entries = parse_fast(bytes(parts), expectation).entries
+    return count if all(entry.ok for entry in entries) else 0
 
 
 def _is_rhythmic(segments: list[Segment]) -> bool:

@@ -26,8 +26,10 @@ SLOWEST_NS = 1_200_000
 """No servo at work needs longer: Return Delay Time at most 508 µs, processing and USB frame some
 600 µs more (thesis, 2.7: 672 µs with a delay of 500 µs; 1000 µs with a latency timer of 1 ms)."""
 LATENCY_SAMPLES = 12
-"""Answers of which at least three quarters must be that late; one slow servo is not all."""
 LATENCY_SHARE = 0.75
+LATENCY_SERVOS = 3
+"""At least three quarters of the latest answers must be that late, of at least three servos (all,
+if there are fewer): one slow servo is not the adapter. Small buses need two of each."""
 HOST_LATE_NS = 5_000_000
 """Oversleeping that costs a whole cycle at 200 Hz."""
 HOST_LATE_TIMES = 3
@@ -50,7 +52,8 @@ class Timing:
         self._late_since: list[int] = [0] * size
         self._registers: list[int | None] = [None] * size
         self._register_since: list[int] = [0] * size
-        self._recent: deque[int] = deque(maxlen=LATENCY_SAMPLES)
+        samples = min(LATENCY_SAMPLES, max(4, 2 * size))
+        self._recent: deque[tuple[int, int]] = deque(maxlen=samples)  # position, delay
         self._usual_ns = 0.0
         self._scatter_ns = 0.0
         self._latency_since = 0
@@ -60,7 +63,7 @@ class Timing:
     @property
     def suspicious(self) -> bool:
         """Whether anything is slower than it should be."""
-        return bool(self._host) or any(self._late)
+        return bool(self._host or self._latency_since) or any(self._late)
 
     def response(
         self, position: int, response_ns: int, answer_bytes: int, baud_rate: int, stamp: int
@@ -75,7 +78,7 @@ class Timing:
             stamp: Of the transaction.
         """
         delay = response_ns - answer_bytes * BITS_PER_BYTE * 1_000_000_000 // max(baud_rate, 1)
-        self._recent.append(delay)
+        self._recent.append((position, delay))
         self._delays[position].append(delay)
         own = self._own(position, delay)
         if self._usual_ns and own > self._usual_ns + self._margin():
@@ -84,11 +87,6 @@ class Timing:
             self._late[position] += 1
         else:
             self._late[position] = 0
-
-    def group(self, response_ns: int, answer_bytes: int, baud_rate: int) -> None:
-        """Several servos have answered in one packet, which they send without pauses."""
-        wire_ns = answer_bytes * BITS_PER_BYTE * 1_000_000_000 // max(baud_rate, 1)
-        self._recent.append(response_ns - wire_ns)
 
     def late_answer(self, position: int, stamp: int) -> None:
         """A servo has answered when the host no longer listened."""
@@ -141,7 +139,11 @@ class Timing:
         wrong = self._wrong_registers()
         findings += wrong
         if latency is not None:
+            # What is measured through such an adapter tells nothing about single servos.
+            self._late = [0] * len(self._chain)
             return [*findings, latency]
+        if 2 * sum(count > 0 for count in self._late) > max(2, len(self._chain)):
+            return findings  # whatever it is, most of them share it
         explained = {finding.component for finding in wrong}
         for position, count in enumerate(self._late):
             servo = self._chain.servo(position)
@@ -199,20 +201,30 @@ class Timing:
         ]
 
     def _latency(self, stamp: int) -> Finding | None:
-        late = sum(delay > SLOWEST_NS for delay in self._recent)
-        if len(self._recent) < LATENCY_SAMPLES or late < LATENCY_SHARE * LATENCY_SAMPLES:
+        recent = self._recent
+        late = [position for position, delay in recent if delay > SLOWEST_NS]
+        needed = min(LATENCY_SERVOS, len(self._chain))
+        if (
+            len(recent) < (recent.maxlen or 0)
+            or len(late) < LATENCY_SHARE * len(recent)
+            or len(set(late)) < needed
+        ):
+            if self._latency_since:
+                for delays in self._delays:
+                    delays.clear()
             self._latency_since = 0
             return None
         self._latency_since = self._latency_since or stamp
-        typical = median(self._recent) / 1e6
+        typical = median(delay for _, delay in recent) / 1e6
         return Finding(
             "latency_timer",
             component.adapter(self._chain.bus),
-            0.9,
+            0.9 if len(self._chain) > 1 else 0.6,
             self._latency_since,
-            f"{late} of {len(self._recent)} answers of whichever servo come later than any servo "
-            f"needs: typically {typical:.1f} ms",
-            {"delay_ms": round(typical, 2), "late": late},
+            f"{len(late)} of {len(recent)} answers of {len(set(late))} servos come later than any "
+            f"servo needs: typically {typical:.1f} ms",
+            {"delay_ms": round(typical, 2), "late": len(late)},
+            [] if len(self._chain) > 1 else [self._chain.servo(0)],
         )
 
     def _host_findings(self, now_ns: int) -> list[Finding]:
