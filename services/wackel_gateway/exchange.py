@@ -20,7 +20,7 @@ from wackel_protocols.dynamixel2.answers import AnswerReader, Answers, reader
 from wackel_schemas.bus import Purpose
 
 _INTERRUPTIBLE_NS = 200_000_000  # a signal is noticed within this time
-_RECHECK_NS = 500_000  # enough bytes but not the right ones: look again so much later
+_RECHECK_NS = 1_000_000  # enough bytes but not the right ones: look again so much later
 
 
 @dataclass(slots=True)
@@ -149,6 +149,8 @@ class Exchange:
                 if not answers.missing:
                     return chunks, answers, lag_ns, now
                 pause_ns = _RECHECK_NS
+            if now >= deadline_ns:  # the bytes may never end
+                return chunks, None, lag_ns, now
             pause_ns = min(pause_ns, deadline_ns - now)
             if pause_ns > 0:
                 sleep(pause_ns / 1e9)

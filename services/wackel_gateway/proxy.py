@@ -9,6 +9,7 @@ import select
 import socket
 import subprocess
 import sys
+from contextlib import suppress
 from time import monotonic, monotonic_ns, sleep
 
 from wackel_gateway.commands import Refused
@@ -24,6 +25,7 @@ from wackel_schemas import keys
 from wackel_schemas.bus import BusReply, BusRequest
 
 _START_S = 10.0  # Python and pyserial on a small computer under load
+_STOP_S = 0.5
 _LOOK_S = 0.005
 _GATHER_S = 0.001  # the records of one transaction in one go, not waking up for each of them
 _TURN_MS = 100  # the node's own messages wait at most so long for their turn
@@ -49,7 +51,7 @@ class Proxy:
             with attach(self._task) as forwarder:
                 self._read(forwarder)
                 if self._node.stopping:
-                    forwarder.send(STOP)
+                    stop(forwarder)
                     return
             logger.error("the forwarder ended; starting another")
             retry.wait()
@@ -129,8 +131,7 @@ def attach(task: Task) -> socket.socket:
             logger.info("attached to the forwarder that kept control going")
             running.setblocking(False)
             return running
-        running.send(STOP)  # the configuration has changed
-        running.recv(MAX_RECORD)
+        stop(running)  # the configuration has changed
         running.close()
     # A session of its own: Ctrl-C in the terminal is for us, and we stop it in order.
     process = subprocess.Popen(
@@ -153,6 +154,15 @@ def attach(task: Task) -> socket.socket:
         sleep(_LOOK_S)
     process.kill()
     raise ConfigError(f"the forwarder of {task.proxy_port} does not start")
+
+
+def stop(forwarder: socket.socket) -> None:
+    """Ends a forwarder and waits until its port and its link are gone."""
+    forwarder.settimeout(_STOP_S)
+    with suppress(OSError):
+        forwarder.send(STOP)
+        while forwarder.recv(MAX_RECORD):
+            pass
 
 
 def _connect(task: Task) -> socket.socket | None:

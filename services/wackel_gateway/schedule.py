@@ -27,7 +27,9 @@ _SPARE_LIMIT_NS = 20_000_000
 _SCATTERED_LIMIT = 3
 """So many answers in a row lost alone: at 1 % ordinary loss once in a million reads."""
 _FAST_STRIKES = 3
-"""So many fast reads in a row without any answer where a plain one at once has answers."""
+"""So many fast reads in a row that were not answered in full where a plain one at once was."""
+_FAST_PAUSE_NS = 60_000_000_000
+"""Then fast reads are tried again so much later: it may have been a jammer's doing."""
 _SETBACK_NS = 10_000_000
 _MAX_SETBACK_NS = 1_000_000_000
 """A servo that answers pings but no reads is tried again after 10 ms, 20 ms, … 1 s."""
@@ -130,7 +132,8 @@ class Schedule:
         self._jobs: deque[Job] = deque()
         self._cycle_jobs: list[Job] | None = None
         self._fast_strikes = 0
-        self._fast_trusted = True
+        self._fast_from_ns = now_ns
+        self._fast_now = True
         self._extra_ran = False
         self._spare_ns = 0.0
         self._spare_since_ns = now_ns
@@ -177,6 +180,9 @@ class Schedule:
         self._extra_ran = False
         self._jobs.extend(Job(Stage.COMMAND, "command", write) for write in self._commands)
         self._commands.clear()
+        if self._fast_now != (now_ns >= self._fast_from_ns):
+            self._fast_now = not self._fast_now
+            self._cycle_jobs = None
         self._jobs.extend(self._cycle())
         if not self._jobs:
             return self._extra(now_ns)
@@ -230,7 +236,7 @@ class Schedule:
                     block,
                     tuple(servo.member.id for servo in servos),
                     fast=self._fast_allowed
-                    and self._fast_trusted
+                    and self._fast_now
                     and all(servo.member.knows_fast_sync_read for servo in servos),
                 )
                 for block, servos in groups.items()
@@ -240,34 +246,32 @@ class Schedule:
     def _read(self, job: Job, answers: Answers, now_ns: int) -> None:
         missing = answers.missing
         if not missing:
-            if self._fast_strikes and _is_fast(job):
-                self._fast_strikes = 0
             if self._needs_proof:
                 self._prove(job.ids)
-            if job.stage is Stage.PLAIN:
-                self._strike()
+            if _is_fast(job):
+                self._fast_strikes = 0
+            elif job.stage is Stage.PLAIN:
+                self._strike(now_ns)
             return
         answered = [servo_id for servo_id in job.ids if servo_id not in missing]
         self._prove(answered)
-        if not answered and _is_fast(job) and job.stage is Stage.CYCLE:
-            # Either nobody is there or nobody understands: a plain read tells.
-            assert job.block is not None
-            self._jobs.appendleft(_read_job(Stage.PLAIN, job.block, job.ids, fast=False))
-            return
-        if job.stage is Stage.PLAIN and answered:
-            self._strike()
         tail = _tail(job.ids, missing)
         for servo_id in missing:
             if servo_id not in tail:
                 self._lost_alone(servo_id, now_ns)
         if not tail:
             return
+        assert job.block is not None
+        if _is_fast(job):
+            # Damage in a fast answer hits all behind it; a plain read tells who is silent.
+            self._jobs.appendleft(_read_job(Stage.PLAIN, job.block, tail, fast=False))
+            return
+        if answered and job.stage is Stage.PLAIN:
+            self._strike(now_ns)
         self._suspect(tail[0], now_ns)
         rest = tail[1:]
         if rest and (answered or job.stage is not Stage.REST):
-            assert job.block is not None
-            fast = _is_fast(job) and self._fast_trusted
-            self._jobs.appendleft(_read_job(Stage.REST, job.block, rest, fast=fast))
+            self._jobs.appendleft(_read_job(Stage.REST, job.block, rest, fast=False))
         else:
             for servo_id in rest:
                 self._suspect(servo_id, now_ns)
@@ -282,11 +286,12 @@ class Schedule:
             for servo in self._servos.values()
         )
 
-    def _strike(self) -> None:
+    def _strike(self, now_ns: int) -> None:
         """A plain read was answered where a fast one was not."""
         self._fast_strikes += 1
         if self._fast_strikes >= _FAST_STRIKES:
-            self._fast_trusted = False
+            self._fast_strikes = 0
+            self._fast_from_ns = now_ns + _FAST_PAUSE_NS
             self._cycle_jobs = None
 
     def _lost_alone(self, servo_id: int, now_ns: int) -> None:

@@ -18,6 +18,9 @@ from wackel_protocols.dynamixel2.scanner import Kind, Scanner, Segment
 _UNFINISHED_NS = 20_000_000
 """Bytes that begin like a packet are waited for so long; a servo drops a packet with a gap of 1.5
 ms, an adapter that nobody tuned delivers every 16 ms."""
+_LINGER_NS = 10_000_000
+"""So long after its deadline an answer still belongs to its instruction: unlike a master, an
+observer loses nothing by waiting but the time until it tells that an answer is missing."""
 _SILENT_WRITES = 3
 """So many unanswered writes in a row to a servo that answers reads: Status Return Level is 1."""
 _ALWAYS_ANSWERED = frozenset((Instruction.PING, Instruction.READ))
@@ -99,7 +102,7 @@ class Segmenter:
             stream.last_ns + _UNFINISHED_NS for stream in (self._host, self._both) if stream.pending
         ]
         if self._open is not None:
-            times.append(self._open.deadline_ns)
+            times.append(self._open.deadline_ns + _LINGER_NS)
         return min(times, default=None)
 
     def host(self, at_ns: int, data: bytes) -> list[Outcome]:
@@ -123,7 +126,7 @@ class Segmenter:
             done += self._from_host(self._host.scanner.finish())
         if self._both.pending and now_ns >= self._both.last_ns + _UNFINISHED_NS:
             done += self._from_tap(self._both.scanner.finish())
-        if self._open is not None and now_ns >= self._open.deadline_ns:
+        if self._open is not None and now_ns >= self._open.deadline_ns + _LINGER_NS:
             done += self._close(now_ns)
         return done
 

@@ -89,11 +89,11 @@ def test_the_vendors_library_sees_no_difference_to_the_bare_port(
     with Control(proxied.proxy_port) as control:
         wait_until(lambda: control.ping(6))  # it was rebooted
         assert control.everything() == bare
-    gateway.wait_until(lambda: any(t.instruction[7] == 0x08 for t in gateway.transactions))
+    gateway.wait_until(lambda: any(t.instruction[7:8] == b"\x08" for t in gateway.transactions))
     kinds = {t.instruction[7] for t in gateway.transactions if t.instruction}
     assert kinds == {0x01, 0x02, 0x03, 0x82, 0x8A, 0x08}
     assert {t.purpose for t in gateway.transactions} == {"observed"}
-    reads = [t for t in gateway.transactions if t.instruction[7] == 0x82]
+    reads = [t for t in gateway.transactions if t.instruction[7:8] == b"\x82"]
     assert [answer.id for answer in reads[-1].response_times] == list(IDS)
     assert [servo.id for servo in gateway.states[-1].servos] == list(IDS)
 

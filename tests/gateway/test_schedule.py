@@ -98,7 +98,8 @@ def test_what_stands_behind_a_silent_servo_is_read_in_the_same_cycle() -> None:
         sorted(i for _, outcome in cycle for i in answered(outcome)) == [1, 2, 4, 5, 6, 7, 8]
         for cycle in reads
     )
-    assert [len(cycle) for cycle in reads[:3]] == [2, 1, 1]
+    # The first of them: a fast read, a plain one of those missing, and of those behind.
+    assert [len(cycle) for cycle in reads[:3]] == [3, 1, 1]
 
 
 def test_a_silent_servo_is_pinged_on_and_on_within_its_share_of_bus_time() -> None:
@@ -143,18 +144,32 @@ def test_firmware_that_is_too_old_is_asked_by_plain_sync_read() -> None:
     assert not run.schedule.fast
 
 
-def test_fast_sync_read_that_nobody_understands_is_given_up() -> None:
-    run = settled(simulation(firmware=40))
-    for member in run.roster.members.values():
-        member.firmware = 50  # as a servo would whose firmware says more than it can
-    run.schedule.restart(run.now_ns)
-    for servo in run.roster.members.values():
-        servo.identify = lambda *_: None  # type: ignore[method-assign]
-    history = list(run.run(1.0))
-    reads = cycles(history)
-    assert any(instruction(job) == packet.Instruction.FAST_SYNC_READ for job, _ in reads[1])
-    assert [instruction(job) for job, _ in reads[-1]] == [packet.Instruction.SYNC_READ]
+def test_fast_sync_read_that_nobody_understands_is_given_up_for_a_while(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    # A clone whose firmware number promises more than it can.
+    monkeypatch.setattr("wackel_gateway.roster.Member.knows_fast_sync_read", True)
+    run = simulation(firmware=40)
+    reads = cycles(list(run.run(59.0)))
+    kinds = [[instruction(job) for job, _ in cycle] for cycle in reads]
+    fast, plain = packet.Instruction.FAST_SYNC_READ, packet.Instruction.SYNC_READ
+    assert sum(fast in cycle for cycle in kinds) == 3
+    assert kinds[-1] == [plain]
     assert answered(reads[-1][0][1]) == IDS
+    again = cycles(list(run.run(2.0)))
+    assert sum(instruction(job) == fast for cycle in again for job, _ in cycle) == 3
+
+
+def test_under_a_rhythmic_jammer_plain_reads_go_on_and_fast_ones_come_back_later() -> None:
+    run = settled(simulation())
+    run.bus.inject(Injection(kind="rhythmic_jammer"))
+    reads = cycles(list(run.run(1.0)))
+    assert all(sorted(i for _, o in cycle for i in answered(o))[-1] == 8 for cycle in reads)
+    assert {instruction(job) for job, _ in reads[-1]} == {packet.Instruction.SYNC_READ}
+    assert answered(reads[-1][0][1]) == IDS
+    run.bus.heal()
+    list(run.run(60.0))
+    assert run.schedule.fast
 
 
 def test_an_alert_has_the_hardware_error_read_at_once() -> None:
