@@ -17,6 +17,7 @@ from wackel_gateway.outcome import Outcome, unsolicited
 from wackel_gateway.patience import Patience
 from wackel_gateway.port import Port, PortLost
 from wackel_protocols.dynamixel2.answers import AnswerReader, Answers, reader
+from wackel_protocols.dynamixel2.scanner import Kind
 from wackel_schemas.bus import Purpose
 
 _INTERRUPTIBLE_NS = 200_000_000  # a signal is noticed within this time
@@ -57,7 +58,10 @@ class Exchange:
         if not data:
             return None
         late = unsolicited(monotonic_ns(), data, self._baud_rate)
-        if any(status.id in self._missed for status in late.answers.unexpected):
+        # Late answers come in one piece; among the bytes of a jammer an answer proves nothing.
+        segments = late.answers.segments or []
+        packets_only = all(segment.kind is Kind.PACKET for segment in segments)
+        if packets_only and any(status.id in self._missed for status in late.answers.unexpected):
             self.patience.came_late()
         return late
 
@@ -98,7 +102,7 @@ class Exchange:
         if answers is None:
             answers = flight.reader.read(_joined(chunks))
         self._missed = frozenset(answers.missing)
-        if chunks and not answers.missing:
+        if chunks and answers.clean:
             self.patience.completed(expectation, chunks[-1][0] - flight.sent_ns)
         return Outcome(
             flight.purpose,

@@ -29,10 +29,11 @@ _BROADCAST_END_NS = 16_000_000
 
 
 class _Learned:
-    """A mean and a mean deviation, ns (RFC 6298, section 2)."""
+    """A mean and a mean deviation, ns (RFC 6298, section 2); never more than is possible."""
 
-    def __init__(self, initial_ns: float) -> None:
-        self.limit_ns = initial_ns
+    def __init__(self, possible_ns: float) -> None:
+        self._possible_ns = possible_ns
+        self.limit_ns = possible_ns
         self.mean_ns: float | None = None
         self._deviation_ns = 0.0
 
@@ -44,7 +45,7 @@ class _Learned:
             error = sample_ns - self.mean_ns
             self.mean_ns += error / 8
             self._deviation_ns += (abs(error) - self._deviation_ns) / 4
-        self.limit_ns = self.mean_ns + 4 * self._deviation_ns
+        self.limit_ns = min(self._possible_ns, self.mean_ns + 4 * self._deviation_ns)
 
 
 class Patience:
@@ -101,7 +102,7 @@ class Patience:
             self._pauses[key] = max(0, min(longest_ns, self._pauses[key] + step_ns))
 
     def completed(self, expectation: Expectation, took_ns: int) -> None:
-        """Learns from answers that were complete ``took_ns`` after the instruction's last byte."""
+        """Learns from healthy answers that were there ``took_ns`` after the instruction's end."""
         beyond_wire = took_ns - self.wire_ns(expectation.total_bytes)
         answers = len(expectation.ids)
         if answers == 1:

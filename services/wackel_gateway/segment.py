@@ -191,7 +191,8 @@ class Segmenter:
         outcome.answers = read.read(b"".join(chunk for _, chunk in outcome.chunks))
         if outcome.answers.missing:
             return []
-        self._patience.completed(expectation, at_ns - outcome.sent_ns)
+        if outcome.answers.clean:
+            self._patience.completed(expectation, at_ns - outcome.sent_ns)
         return self._close(at_ns)
 
     def _close(self, now_ns: int) -> list[Outcome]:
