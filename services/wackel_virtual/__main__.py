@@ -29,6 +29,7 @@ examples:
   wackel virtual
   wackel virtual --config robot.toml --seed 3
   wackel virtual --scenario broken-cable.toml
+  wackel virtual --tap main=wackel-tap
   wackel virtual --no-zenoh      only the ports, for other software
 """
 _INJECT_EXAMPLES = """\
@@ -70,14 +71,25 @@ def _run(argv: list[str]) -> int:
     parser.add_argument(
         "--no-zenoh", action="store_true", help="do not listen for inject, heal and list"
     )
+    parser.add_argument(
+        "--tap",
+        metavar="BUS=PATH",
+        type=_tap,
+        action="append",
+        default=[],
+        help="a second port on this bus that hears both directions and sends nothing (mode tap)",
+    )
     arguments = parser.parse_args(argv)
     if arguments.config is not None and arguments.scenario is not None:
         parser.error("--config and --scenario exclude each other; a scenario names its robot")
+    taps = dict(arguments.tap)
+    if len(taps) < len(arguments.tap):
+        parser.error("--tap: a bus has at most one")
     log.set_up("virtual")
 
     import msgspec
 
-    from wackel_virtual.scenario import load_scenario, of_robot
+    from wackel_virtual.scenario import load_scenario, of_robot, tapped
     from wackel_virtual.service import run, run_alone
 
     if arguments.scenario is not None:
@@ -86,8 +98,17 @@ def _run(argv: list[str]) -> int:
         scenario = of_robot(config_of(arguments))
     if arguments.seed is not None:
         scenario = msgspec.structs.replace(scenario, seed=arguments.seed)
+    if taps:
+        scenario = tapped(scenario, taps, "--tap")
     (run_alone if arguments.no_zenoh else run)(scenario)
     return OK
+
+
+def _tap(text: str) -> tuple[str, str]:
+    bus, _, path = text.partition("=")
+    if not bus or not path:
+        raise argparse.ArgumentTypeError(f"{text!r} must be BUS=PATH, such as main=wackel-tap")
+    return bus, path
 
 
 def _inject(argv: list[str]) -> int:

@@ -35,8 +35,11 @@ class VirtualBus(Wire):
         latency_ms: int = 0,
         loss: float = 0.0,
         firmware: Mapping[int, int] | None = None,
+        tapped: bool = False,
     ) -> None:
-        super().__init__(config, seed, latency_ms=latency_ms, loss=loss, firmware=firmware)
+        super().__init__(
+            config, seed, latency_ms=latency_ms, loss=loss, firmware=firmware, tapped=tapped
+        )
         self._seed = seed
         self._injected = 0
         self._faults: list[_Fault] = []

@@ -104,17 +104,25 @@ class Ports:
 
     Args:
         buses: Each with the path of its port, by name.
+        taps: Paths of second adapters that only listen, by the name of their (tapped) bus.
 
     Raises:
         ConfigError: A port cannot be made.
     """
 
-    def __init__(self, buses: Mapping[str, tuple[VirtualBus, Path]]) -> None:
+    def __init__(
+        self,
+        buses: Mapping[str, tuple[VirtualBus, Path]],
+        taps: Mapping[str, Path] | None = None,
+    ) -> None:
         self._buses = {name: bus for name, (bus, _) in buses.items()}
         self._terminals: dict[str, Terminal] = {}
+        self._taps: dict[str, Terminal] = {}
         try:
             for name, (_, path) in buses.items():
                 self._terminals[name] = Terminal(path)
+            for name, path in (taps or {}).items():
+                self._taps[name] = Terminal(path)
         except ConfigError:
             self._unplug_all()
             raise
@@ -154,19 +162,20 @@ class Ports:
         os.write(self._wake_in, b"\0")
 
     def _unplug_all(self) -> None:
-        for terminal in self._terminals.values():
+        for terminal in (*self._terminals.values(), *self._taps.values()):
             terminal.unplug()
 
     def _run(self) -> None:
         _be_punctual()
         origin_ns = time.monotonic_ns()
         lines = [(self._terminals[name], bus) for name, bus in self._buses.items()]
+        taps = [(terminal, self._buses[name]) for name, terminal in self._taps.items()]
         while True:
             due = [at for _, bus in lines if (at := bus.next_ns()) is not None]
             wait_s = None
             if due:
                 wait_s = max(0.0, (min(due) - (time.monotonic_ns() - origin_ns)) / 1e9)
-            watched = [terminal.master for terminal, _ in lines if terminal.plugged]
+            watched = [terminal.master for terminal, _ in (*lines, *taps) if terminal.plugged]
             readable, _, _ = select.select([self._wake_out, *watched], [], [], wait_s)
             now_ns = time.monotonic_ns() - origin_ns
             if self._wake_out in readable and not self._run_calls(now_ns):
@@ -181,6 +190,12 @@ class Ports:
                     terminal.write(b"".join(data for _, data in chunks))
                 if bus.plugged != terminal.plugged:
                     (terminal.plug if bus.plugged else terminal.unplug)()
+            for terminal, bus in taps:
+                if terminal.master in readable:
+                    terminal.read()  # its transmitter is connected with nothing
+                heard = bus.overheard(now_ns)
+                if heard:
+                    terminal.write(b"".join(data for _, data in heard))
 
     def _run_calls(self, now_ns: int) -> bool:
         """Run what was submitted; False at the end."""

@@ -6,6 +6,7 @@
     robot = "robot.toml"   # or [buses.NAME] tables as there; neither: 12 servos at ./wackel-bus
     loss = 0.0005          # ordinary loss, share of answers
     latency_ms = 1         # USB latency timer
+    taps = { main = "tap" } # ports of second adapters that only listen, by bus
 
     [[faults]]
     kind = "loose_contact" # `wackel virtual kinds` lists them
@@ -16,6 +17,7 @@
 """
 
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
 
@@ -57,6 +59,7 @@ class _File(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=Tru
     buses: dict[Name, BusConfig] = {}
     loss: Share = 0.0
     latency_ms: Annotated[int, Meta(ge=0, le=255)] = 0
+    taps: dict[str, str] = {}
     faults: list[_Fault] = []
 
 
@@ -68,6 +71,7 @@ class Scenario(msgspec.Struct, kw_only=True, frozen=True):
         seed: Of everything random.
         loss: Share of answers that are lost on healthy buses.
         latency_ms: USB latency timer of the adapters.
+        taps: Ports of second adapters, which only listen, by bus.
         faults: Each with the name of its bus.
     """
 
@@ -75,6 +79,7 @@ class Scenario(msgspec.Struct, kw_only=True, frozen=True):
     seed: int = 0
     loss: float = 0.0
     latency_ms: int = 0
+    taps: dict[str, str] = {}
     faults: list[Injection] = []
 
     def make(self) -> dict[str, VirtualBus]:
@@ -88,7 +93,11 @@ class Scenario(msgspec.Struct, kw_only=True, frozen=True):
             try:
                 # Buses of one robot must not share their randomness.
                 buses[name] = VirtualBus(
-                    bus, f"{self.seed}/{name}", latency_ms=self.latency_ms, loss=self.loss
+                    bus,
+                    f"{self.seed}/{name}",
+                    latency_ms=self.latency_ms,
+                    loss=self.loss,
+                    tapped=name in self.taps,
                 )
             except ConfigError as error:
                 raise ConfigError(f"buses.{name}: {error}") from error
@@ -139,7 +148,7 @@ def parse_scenario(text: str, path: Path = Path("scenario.toml")) -> Scenario:
         # Checked as in a robot.toml, so that it has the same rules.
         config = parse(toml_text({"buses": tree.get("buses", {})}), str(path))
     robot = of_robot(config)
-    return Scenario(
+    scenario = Scenario(
         config=robot.config,
         seed=file.seed,
         loss=file.loss,
@@ -149,6 +158,29 @@ def parse_scenario(text: str, path: Path = Path("scenario.toml")) -> Scenario:
             for i, fault in enumerate(file.faults)
         ],
     )
+    return tapped(scenario, file.taps, f"{path}: taps")
+
+
+def tapped(scenario: Scenario, taps: Mapping[str, str], where: str) -> Scenario:
+    """The scenario with second adapters, which only listen.
+
+    Args:
+        scenario: As it was.
+        taps: Their ports, by bus.
+        where: How errors call them.
+
+    Raises:
+        ConfigError: There is no such bus, or the port is taken.
+    """
+    buses = scenario.config.buses
+    taken = {bus.port for bus in buses.values()}
+    for name, port in taps.items():
+        if name not in buses:
+            raise ConfigError(f"{where}: there is no bus {name!r}; there are {', '.join(buses)}")
+        if port in taken:
+            raise ConfigError(f"{where}: {name} = {port!r}: the port is taken; choose another")
+        taken.add(port)
+    return msgspec.structs.replace(scenario, taps=dict(taps))
 
 
 def bus_of(injection: Injection, config: RobotConfig) -> str:

@@ -107,7 +107,10 @@ def _active(buses: Mapping[str, VirtualBus]) -> list[Injection]:
 
 def _ports(scenario: Scenario) -> Ports:
     configs = scenario.config.buses
-    ports = Ports({name: (bus, Path(configs[name].port)) for name, bus in scenario.make().items()})
+    ports = Ports(
+        {name: (bus, Path(configs[name].port)) for name, bus in scenario.make().items()},
+        {name: Path(port) for name, port in scenario.taps.items()},
+    )
     for name, config in configs.items():
         logger.info(
             "bus %s: %d servos at %d bit/s on %s",
@@ -116,4 +119,6 @@ def _ports(scenario: Scenario) -> Ports:
             config.baud_rate,
             config.port,
         )
+    for name, port in scenario.taps.items():
+        logger.info("bus %s: tapped on %s", name, port)
     return ports

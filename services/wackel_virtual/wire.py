@@ -100,6 +100,7 @@ class Wire:
         latency_ms: USB latency timer of the adapter.
         loss: Share of answers that a healthy bus loses or damages (TTL without any shielding).
         firmware: Firmware versions that differ from the newest, by servo id.
+        tapped: Whether a second adapter sits beside the first and hears both directions.
     """
 
     def __init__(
@@ -110,6 +111,7 @@ class Wire:
         latency_ms: int = 0,
         loss: float = 0.0,
         firmware: Mapping[int, int] | None = None,
+        tapped: bool = False,
     ) -> None:
         self.ids = config.ids()
         self.now_ns = 0
@@ -132,6 +134,7 @@ class Wire:
         )
         self._chain = Chain(len(self.servos), config.power)
         self._adapter = Adapter(latency_ms)
+        self._tap = Adapter(latency_ms) if tapped else None
         self._noise = BitErrors(Random(f"{seed}/noise"))
         self._jammer = JammerStream(Random(f"{seed}/jammer"))
         self._conditions = Conditions()
@@ -172,7 +175,10 @@ class Wire:
         self._listening_baud = baud_rate
         self._host_start_ns, self._host_end_ns = start, end
         collided = self._collide(start, end)
-        for heard in self._framer.take(self._noise.apply(data), start, byte_ns, baud_rate):
+        data = self._noise.apply(data)
+        if self._tap is not None:
+            self.schedule(end, self._tap.receive, data)
+        for heard in self._framer.take(data, start, byte_ns, baud_rate):
             heard.collided = collided
             self._hearing.append(heard)
             self.schedule(heard.end_ns, self._hear, heard)
@@ -182,6 +188,11 @@ class Wire:
         self.advance(until_ns)
         self._jam_until(until_ns)
         return self._adapter.take(until_ns)
+
+    def overheard(self, until_ns: int) -> list[tuple[int, bytes]]:
+        """As :meth:`deliveries`, of the adapter that only listens; nothing unless ``tapped``."""
+        self.advance(until_ns)
+        return [] if self._tap is None else self._tap.take(until_ns)
 
     def exchange(
         self, at_ns: int, instruction: bytes, wait_ns: int, baud_rate: int | None = None
@@ -194,9 +205,10 @@ class Wire:
     def next_ns(self) -> int | None:
         """When something will happen next; None if nothing will before the host sends."""
         times = [self._events[0][0]] if self._events else []
-        delivery = self._adapter.next_ns()
-        if delivery is not None:
-            times.append(delivery)
+        for adapter in (self._adapter, self._tap):
+            delivery = None if adapter is None else adapter.next_ns()
+            if delivery is not None:
+                times.append(delivery)
         if self._jamming():
             # The host reads a stream in full USB packets.
             times.append(self._idle_ns + 62 * _byte_ns(self._listening_baud))
@@ -473,6 +485,8 @@ class Wire:
     def _receive(self, at_ns: int, data: bytes) -> None:
         if self._conditions.plugged:
             self._adapter.receive(at_ns, data)
+        if self._tap is not None:
+            self._tap.receive(at_ns, data)
 
     # Faults of the line.
 

@@ -46,7 +46,14 @@ def test_help_teaches(arguments, capsys):
 
 @pytest.mark.parametrize(
     "arguments",
-    [["inject", "brake"], ["inject"], ["--config", "a", "--scenario", "b"], ["--seed", "x"]],
+    [
+        ["inject", "brake"],
+        ["inject"],
+        ["--config", "a", "--scenario", "b"],
+        ["--seed", "x"],
+        ["--tap", "main"],
+        ["--tap", "main=a", "--tap", "main=b"],
+    ],
 )
 def test_wrong_usage_is_refused(arguments, capsys):
     with pytest.raises(SystemExit) as stop:
@@ -66,6 +73,27 @@ def test_without_zenoh_it_is_a_serial_port_until_it_is_told_to_stop(tmp_path: Pa
         process.send_signal(signal.SIGTERM)
         assert process.wait(5) == OK
     assert not os.path.lexists(port)
+
+
+@pytest.mark.process
+def test_a_tap_is_a_second_port_that_hears_the_first(tmp_path: Path):
+    arguments = ["--no-zenoh", "--tap", "main=wackel-tap"]
+    with command(*arguments, cwd=tmp_path) as process:
+        port, tap = tmp_path / "wackel-bus", tmp_path / "wackel-tap"
+        wait_until(tap.exists)
+        with (
+            serial.Serial(str(port), 1_000_000, timeout=5) as master,
+            serial.Serial(str(tap), 1_000_000, timeout=5) as listener,
+        ):
+            listener.write(packet.ping(3))  # goes nowhere
+            master.write(packet.ping(12))
+            answer = master.read(14)
+            assert listener.read(24) == packet.ping(12) + answer
+            assert packet.decode(answer).id == 12
+        process.send_signal(signal.SIGINT)
+        assert process.wait(5) == OK
+    assert not os.path.lexists(port)
+    assert not os.path.lexists(tap)
 
 
 @pytest.fixture

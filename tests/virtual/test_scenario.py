@@ -85,6 +85,8 @@ _TWO_BUSES = "[buses.a]\nport = 'a'\nservos = [{id = 1}]\n[buses.b]\nport = 'b'\
         ("[[faults]]\nkind = 'noise'\nbus = 'x'", "there is no bus 'x'; there are main"),
         (_TWO_BUSES + "[[faults]]\nkind = 'noise'", "faults[0]: name the bus; there are a, b"),
         ("robot = 'r.toml'\n" + _TWO_BUSES, "robot and buses exclude each other"),
+        ("taps = { x = 't' }", "s.toml: taps: there is no bus 'x'; there are main"),
+        ("taps = { main = 'wackel-bus' }", "taps: main = 'wackel-bus': the port is taken"),
         ("robot = 'nowhere.toml'", "nowhere.toml: no such file"),
         ("[buses.a]\nport = 'a'\nservos = [{id = 1}, {id = 1}]", "id 1 stands there twice"),
     ],
@@ -94,6 +96,14 @@ def test_a_wrong_scenario_gets_one_line_that_names_the_place(text, error):
         scenario.parse_scenario(text, Path("s.toml"))
     assert error in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_scenario_may_have_a_second_adapter_that_only_listens():
+    parsed = scenario.parse_scenario("taps = { b = 'tap' }\n" + _TWO_BUSES)
+    assert parsed.taps == {"b": "tap"}
+    for name, bus in parsed.make().items():
+        bus.transmit(0, packet.ping(1), 1_000_000)
+        assert bool(bus.overheard(9 * MS)) is (name == "b")
 
 
 def test_an_unknown_model_is_named_with_its_bus():

@@ -4,12 +4,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.virtual.material import MS, PRESENT_POSITION, ask, bus, ids, raw, statuses
+from tests.virtual.material import MS, PRESENT_POSITION, ask, bus, chain, ids, raw, statuses
 from wackel_node.config import BusConfig, ServoConfig
 from wackel_protocols.dynamixel2 import packet
 from wackel_protocols.dynamixel2.expectation import expect
 from wackel_protocols.dynamixel2.fast import parse_fast
 from wackel_protocols.dynamixel2.packet import BROADCAST_ID
+from wackel_schemas.virtual import Injection
 from wackel_virtual import VirtualBus
 from wackel_virtual.framing import GAP_NS
 from wackel_virtual.wire import JITTER_NS, PROCESSING_NS, TURN_NS
@@ -238,3 +239,37 @@ def test_any_bytes_from_the_host_leave_a_bus_that_still_answers(pieces, pause_ns
         on.transmit(on.now_ns + pause_ns, piece, 1_000_000)
     on.deliveries(on.now_ns + 1000 * MS)
     assert ids(ask(on, packet.ping(3))) == [3]
+
+
+def test_a_tap_hears_both_directions_in_order_with_the_time_of_the_last_byte():
+    on = VirtualBus(chain(3), 1, tapped=True)
+    request = packet.sync_read([1, 2, 3], PRESENT_POSITION, 4)
+    answers = on.exchange(MS, request, 10 * MS)
+    sent_ns = MS + len(request) * 10_000
+    assert on.overheard(on.now_ns) == [(sent_ns, request), *answers]
+    assert on.overheard(on.now_ns) == []
+
+
+def test_a_tap_changes_nothing_for_the_master():
+    request = packet.sync_read([1, 2, 3], PRESENT_POSITION, 4)
+    plain, tapped = bus(3), VirtualBus(chain(3), 1, tapped=True)
+    for on in (plain, tapped):
+        on.inject(Injection(kind="noise", value=1e-3))
+    for _ in range(50):
+        start = plain.now_ns + MS
+        assert plain.exchange(start, request, 9 * MS) == tapped.exchange(start, request, 9 * MS)
+    assert plain.overheard(plain.now_ns) == []
+
+
+def test_a_tap_goes_on_hearing_when_the_masters_adapter_is_unplugged():
+    on = VirtualBus(chain(3), 1, tapped=True)
+    on.inject(Injection(kind="unplugged"))
+    on.transmit(MS, packet.ping(1), 1_000_000)
+    assert on.overheard(9 * MS) == []  # nobody sends
+    on.heal()
+    on.transmit(10 * MS, packet.ping(1), 1_000_000)
+    on.inject(Injection(kind="unplugged"))
+    assert on.deliveries(20 * MS) == []
+    instruction, answer = on.overheard(20 * MS)
+    assert instruction[1] == packet.ping(1)
+    assert ids([answer]) == [1]
