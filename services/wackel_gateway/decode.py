@@ -4,7 +4,7 @@ Which registers an answer holds follows from the instruction (address and length
 model, so reads of any master are decoded, not only our own. Plans are made once per instruction.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from struct import Struct
 
 from wackel_gateway.roster import Roster
@@ -30,11 +30,13 @@ _FIELDS = {
 }
 _UNITS = {"current": "A"}  # of a model whose scale is unknown the raw value would be a lie
 _MAX_PLANS = 512  # a master that never asks the same twice shall not fill the memory
+_ROW = 2  # servos from which on decoding them together pays
 _SINGLE_READ = Instruction.READ
 _SYNC_READS = (Instruction.SYNC_READ, Instruction.FAST_SYNC_READ)
 _BULK_READS = (Instruction.BULK_READ, Instruction.FAST_BULK_READ)
 
 Plan = Callable[[Status], ServoState]
+Row = Callable[[Sequence[Status]], list[ServoState]]
 
 
 class Decoder:
@@ -42,20 +44,35 @@ class Decoder:
 
     def __init__(self, roster: Roster) -> None:
         self._roster = roster
-        self._plans: dict[bytes, dict[int, Plan]] = {}
+        self._plans: dict[bytes, tuple[dict[int, Plan], Row | None]] = {}
 
     def states(self, instruction: bytes, statuses: Sequence[Status]) -> list[ServoState]:
         """What the answers to a read say; empty for any other instruction."""
-        plans = self._plans.get(instruction)
-        if plans is None:
+        found = self._plans.get(instruction)
+        if found is None:
             if len(self._plans) >= _MAX_PLANS:
                 self._plans.clear()
-            plans = self._plans[instruction] = {
-                servo_id: plan(table, address, length)
-                for servo_id, address, length in blocks_read(instruction)
-                if (table := self._roster.model(servo_id)) is not None
-            }
+            found = self._plans[instruction] = self._plan(instruction)
+        plans, row = found
+        if row is not None and len(statuses) == len(plans):
+            return row(statuses)
         return [plans[status.id](status) for status in statuses if status.id in plans]
+
+    def _plan(self, instruction: bytes) -> tuple[dict[int, Plan], Row | None]:
+        """How to decode each servo's answer, and all of them at once if they are of one model."""
+        blocks = blocks_read(instruction)
+        tables = {servo_id: self._roster.model(servo_id) for servo_id, _, _ in blocks}
+        plans = {
+            servo_id: plan(table, address, length)
+            for servo_id, address, length in blocks
+            if (table := tables[servo_id]) is not None
+        }
+        first = next(iter(tables.values()), None)
+        alike = first is not None and all(table is first for table in tables.values())
+        same_block = len({(address, length) for _, address, length in blocks}) == 1
+        if first is None or not alike or not same_block or len(plans) < _ROW:
+            return plans, None
+        return plans, row_plan(first, *blocks[0][1:], plans)
 
     def forget(self) -> None:
         """Plans anew: a servo turned out to be another model."""
@@ -102,9 +119,6 @@ def plan(table: Model, address: int, length: int) -> Plan:
         and register.unit == _UNITS.get(field, register.unit)
     }
     torque, hardware = within("torque_enable"), within("hardware_error_status")
-    cycle = _cycle_plan(fields, address, length)
-    if cycle is not None and torque is None and hardware is None:
-        return cycle
 
     def decode_any(status: Status) -> ServoState:
         data = status.parameters
@@ -123,35 +137,46 @@ def plan(table: Model, address: int, length: int) -> Plan:
     return decode_any
 
 
-def _cycle_plan(fields: dict[str, Register], address: int, length: int) -> Plan | None:
-    """A short cut for current, velocity and position in a row, which every cycle reads."""
-    if set(fields) != {"position", "velocity", "current"}:
-        return None
-    current, velocity, position = fields["current"], fields["velocity"], fields["position"]
+def row_plan(table: Model, address: int, length: int, plans: Mapping[int, Plan]) -> Row | None:
+    """A short cut for what every cycle reads: current, velocity and position in a row.
+
+    Args:
+        table: The model of all servos.
+        address: Of the block.
+        length: Of the block.
+        plans: For answers that are not as usual.
+    """
+    names = ("present_current", "present_velocity", "present_position")
+    registers = [table.registers[name] for name in names if name in table.registers]
     # X, MX and P have them in this order, without a gap, in two's complement.
     layout = Struct("<hii")
-    starts = (current.address, velocity.address, position.address)
-    if starts != (address, address + 2, address + 6) or length != layout.size:
+    starts = [register.address for register in registers]
+    if starts != [address, address + 2, address + 6] or length != layout.size:
         return None
-    unpack = layout.unpack
+    current, velocity, position = registers
+    if current.unit != _UNITS["current"]:
+        return None
+    unpack = layout.iter_unpack
     current_scale, velocity_scale = current.scale, velocity.scale
     position_scale, centre = position.scale, position.zero
 
-    def decode_cycle(status: Status) -> ServoState:
-        servo_id, error, data, _ = status
-        if len(data) != length:
-            return ServoState(id=servo_id, alert=error >= ALERT, error=error & ~ALERT)
-        raw_current, raw_velocity, raw_position = unpack(data)
-        return ServoState(
-            id=servo_id,
-            position=(raw_position - centre) * position_scale,
-            velocity=raw_velocity * velocity_scale,
-            current=raw_current * current_scale,
-            alert=error >= ALERT,
-            error=error & ~ALERT,
-        )
+    def decode_row(statuses: Sequence[Status]) -> list[ServoState]:
+        ids, errors, data, _ = zip(*statuses, strict=True)
+        if any(errors) or set(map(len, data)) != {length}:
+            return [plans[status.id](status) for status in statuses]
+        return [
+            ServoState(
+                id=servo_id,
+                position=(raw_position - centre) * position_scale,
+                velocity=raw_velocity * velocity_scale,
+                current=raw_current * current_scale,
+            )
+            for servo_id, (raw_current, raw_velocity, raw_position) in zip(
+                ids, unpack(b"".join(data)), strict=True
+            )
+        ]
 
-    return decode_cycle
+    return decode_row
 
 
 def _raw(register: Register, data: bytes, address: int) -> int:

@@ -50,8 +50,9 @@ class Reporter:
         """One transaction and what the servos said in it."""
         self._counters.count(outcome)
         transaction = outcome.message(self._node.clock.stamp_ns(0))
-        self._transactions.put(transaction)
         servos = self.decoder.states(outcome.instruction, outcome.answers.statuses)
+        # One right after the other: Zenoh then sends both in one go.
+        self._transactions.put(transaction)
         if servos:
             # The values are of the time at which the request had reached all servos.
             stamp = self._node.clock.stamp_ns(outcome.sent_ns)

@@ -319,6 +319,9 @@ class Schedule:
 
     def _extra(self, now_ns: int) -> Job | None:
         """A job that fits before the next cycle, or the one that may delay it."""
+        slow_is_due = self._slow and self._slow[0][0] <= now_ns
+        if not (self._urgent or self._fresh or self._silent or slow_is_due):
+            return None
         saved_ns = self._spare_ns + _SPARE_SHARE * (now_ns - self._spare_since_ns)
         self._spare_ns = max(-_SPARE_LIMIT_NS, min(_SPARE_LIMIT_NS, saved_ns))
         self._spare_since_ns = now_ns

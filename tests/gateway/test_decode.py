@@ -124,3 +124,18 @@ def test_a_model_may_be_a_series_and_must_be_known() -> None:
     assert Roster([ServoConfig(id=1, model="X330")]).members[1].model.name == "generic X330"
     with pytest.raises(ConfigError, match="'XM999'"):
         Roster([ServoConfig(id=1, model="XM999")])
+
+
+def test_decoding_all_servos_together_gives_the_same_as_one_by_one() -> None:
+    ids = (1, 2, 3)
+    roster = Roster([ServoConfig(id=servo_id) for servo_id in ids])
+    data = [number(i, 2) + number(-i, 4) + number(1000 * i, 4) for i in ids]
+    for error, cut in ((0, 10), (0x80, 10), (0, 9), (7, 0)):
+        statuses = [Status(i, 0, data[i - 1], 0) for i in ids]
+        statuses[1] = Status(2, error, data[1][:cut], 0)
+        together = Decoder(roster).states(packet.sync_read(ids, 126, 10), statuses)
+        alone = [
+            Decoder(roster).states(packet.read(status.id, 126, 10), [status])[0]
+            for status in statuses
+        ]
+        assert together == alone

@@ -26,7 +26,7 @@ class Desk:
 
     def __init__(self, port: Port, config: BusConfig) -> None:
         self.published: list[Transaction] = []
-        exchange = Exchange(port, Patience(config.baud_rate, 0), lambda: False)
+        exchange = Exchange(port, Patience(config.baud_rate), lambda: False)
         self._management = Management(exchange, Roster(config.servos), self._publish)
 
     def ask(self, request: BusRequest) -> BusReply:
