@@ -35,7 +35,9 @@ from wackel_schemas.fault import FaultReport
 LONGEST_PAUSE_NS = 10_000_000_000
 """A longer pause, or a step of the clock, counts as so much: windows survive both."""
 JAMMED_LOSS = 0.6
-"""Share of answers that a permanent jammer destroys at the worst (thesis, 2.5.5: 55 %)."""
+JAMMED_SINGLE_LOSS = 0.1
+"""Share of answers that a permanent jammer destroys of reads of many and of single ones (thesis,
+2.5.5: 55 % of a broadcast ping, 4.8 % of direct pings), rounded up."""
 LEAST_SLOT_NS = 5_000_000
 """Shortest sampling period, whatever the configuration says."""
 TICK_SLOTS = 10
@@ -148,10 +150,14 @@ class BusClassifier:
                 self._answered(position, stamp)
                 continue
             if outcome is Outcome.SILENT:
-                self._reach.missed(position, now_ns, stamp)
+                self._reach.missed(position, now_ns, stamp, self._chance(request))
                 missed.append(position)
-            if not jammed:
-                self._losses.failed(_event(position, place, request, symptoms), stamp)
+            # Those that follow one that was not heard share its fate.
+            first = not place or symptoms.outcomes[place - 1] is Outcome.ANSWERED
+            if first and not jammed:
+                event = _event(position, place, symptoms)
+                spoken = outcome is Outcome.LOST or event.mark is Mark.DAMAGED
+                self._losses.failed(event, stamp, spoken=spoken)
         if jammed:
             self._losses.reset()
         self._foreign(transaction, request, answers, symptoms, jammed=jammed)
@@ -163,8 +169,14 @@ class BusClassifier:
                 self._alerts.error_byte(position, status.error, now_ns, stamp)
                 if status.error & ~ALERT == CRC_ERROR:
                     event = Event(position, Mark.DAMAGED, None, len(request.expected) == 1, False)
-                    self._losses.failed(event, stamp)
+                    self._losses.failed(event, stamp, spoken=True)
         self._contents(transaction, request, answers)
+
+    def _chance(self, request: Request) -> float:
+        """Probability that an answer does not come although the servo sends it."""
+        if self._jammers.permanent is None:
+            return self._losses.share
+        return JAMMED_LOSS if request.single is None else JAMMED_SINGLE_LOSS
 
     def _answered(self, position: int, stamp: int) -> None:
         gone = self._reach.gone(position)
@@ -274,8 +286,7 @@ class BusClassifier:
         now_ns, stamp = self._now_ns, transaction.stamp
         jammers, reach = self._jammers, self._reach
         findings = jammers.findings()
-        loss = JAMMED_LOSS if jammers.permanent else self._losses.share
-        findings += reach.findings(now_ns, loss)
+        findings += reach.findings(now_ns, jammed=jammers.permanent is not None)
         for position in reach.take_newly_gone():
             self._alerts.gone(position)
             self._supply.gone(position)
@@ -287,12 +298,12 @@ class BusClassifier:
         findings += self._alerts.findings(now_ns)
         alerts = self._alerts
         findings += self._supply.findings(alerts.complaining(), alerts.undervoltage(), stamp)
-        findings += self._frozen.findings(now_ns, self._alerts)
+        findings += self._frozen.findings(self._alerts)
         if findings:
             self._strangers.explained()
         findings += self._strangers.findings(now_ns)
         if findings:
-            findings = explain(findings, self._chain)
+            findings = explain(findings, self._chain, stamp)
         reports = self._book.update(stamp, findings, transaction)
         self._calm = not (
             self._book
@@ -306,22 +317,18 @@ class BusClassifier:
         return reports
 
 
-def _event(position: int, place: int, request: Request, symptoms: Symptoms) -> Event:
-    """A failure as the statistics see it."""
+def _event(position: int, place: int, symptoms: Symptoms) -> Event:
+    """A failure as the statistics see it; ``place`` is the servo's in the request."""
     outcomes = symptoms.outcomes
-    outcome = outcomes[place]
-    behind = outcomes[place + 1 :]
-    cut: bool | None = None
-    if request.expectation.fast and behind:
-        cut = None if outcome is Outcome.DAMAGED else outcome is Outcome.SILENT
-    elif behind:
-        cut = Outcome.ANSWERED not in behind
-    mark = Mark.DAMAGED if outcome is Outcome.DAMAGED else Mark.QUIET
-    if outcomes.index(outcome) == place:
-        # Bytes of nobody belong to the first failure of their kind.
+    mark = Mark.DAMAGED if outcomes[place] is Outcome.DAMAGED else Mark.QUIET
+    if all(outcome is Outcome.ANSWERED for outcome in outcomes[:place]):
+        # Bytes of nobody belong to the first failure.
         if symptoms.stray:
             mark = Mark.SPARK
         elif symptoms.broken:
             mark = Mark.TORN
+    run = None
+    if place + 1 < len(outcomes):
+        run = outcomes[place + 1] is not Outcome.ANSWERED
     alone = len(outcomes) == 1
-    return Event(position, mark, cut, alone, not alone and Outcome.ANSWERED not in outcomes)
+    return Event(position, mark, run, alone, not alone and Outcome.ANSWERED not in outcomes)

@@ -12,6 +12,8 @@ from wackel_schemas.fault_codes import EXPLAINS
 SAME_TIME_NS = 1_000_000_000
 """Faults that begin within this time may have one cause: a silent servo is confirmed by several
 requests, a jammer by the next transaction."""
+INTERRUPTED_NS = 3_000_000_000
+"""Longer than a moving cable interrupts and a servo then restarts: from then on it is a break."""
 
 _WIDE = frozenset(("permanent_jammer", "noise", "loose_contact", "latency_timer"))
 """Faults that concern the whole bus, so what they explain they explain wherever it shows."""
@@ -27,7 +29,7 @@ _ALSO = {
 _NEVER_ALONE = "unclassified"
 
 
-def explain(findings: list[Finding], chain: Chain) -> list[Finding]:
+def explain(findings: list[Finding], chain: Chain, stamp: int) -> list[Finding]:
     """The findings that no other one explains, with the place of a jammer where it is known."""
     findings = _place_jammer(findings, chain)
     if any(finding.code != _NEVER_ALONE for finding in findings):
@@ -35,23 +37,33 @@ def explain(findings: list[Finding], chain: Chain) -> list[Finding]:
     return [
         finding
         for finding in findings
-        if not any(_explains(cause, finding, chain) for cause in findings)
+        if not any(_explains(cause, finding, chain, stamp) for cause in findings)
     ]
 
 
-def _explains(cause: Finding, finding: Finding, chain: Chain) -> bool:
+def _explains(cause: Finding, finding: Finding, chain: Chain, stamp: int) -> bool:
     code = finding.code
     if cause.code in _WIDE and code in EXPLAINS[cause.code]:
         return True
     if code in _ALSO.get(cause.code, ()):
         return True
-    if cause.code == "loose_contact" and code in ("cable_break", "lost_signal"):
-        # While the contact is open, all behind it are gone: nothing new.
-        same = finding.component == cause.component
-        return same or (code == "lost_signal" and cause.component in finding.suspects)
+    if cause.code == "loose_contact" and code in ("cable_break", "lost_signal", "servo_silent"):
+        # While the contact is open, and while servos restart after it, those behind it are gone.
+        passing = stamp - finding.since < INTERRUPTED_NS
+        return passing and _is_behind(finding, cause.component, chain)
     if cause.code == "contact_resistance" and code == "undervoltage":
         return finding.component in _supplied_through(cause.component, chain)
     return False
+
+
+def _is_behind(finding: Finding, cable: str, chain: Chain) -> bool:
+    """Whether all that is missing lies behind a cable; anything, if no cable is known."""
+    for position in range(len(chain)):
+        if chain.cable(position) == cable:
+            places = range(position, len(chain))
+            behind = [chain.cable(place) for place in places] + [chain.servo(p) for p in places]
+            return finding.component in behind or cable in finding.suspects
+    return True
 
 
 def _supplied_through(cable: str, chain: Chain) -> list[str]:

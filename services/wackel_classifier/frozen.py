@@ -15,6 +15,8 @@ from wackel_protocols.dynamixel2.packet import PREFIX_BYTES, Instruction
 CONSTANT_NS = 700_000_000
 """A servo follows a goal within some tens of milliseconds, a sluggish one within some tenths of a
 second; a joint at its end of movement stands still for a moment."""
+READINGS = 5
+"""As often as the values must have been read meanwhile."""
 GOALS = 5
 """New goals in that time that it did not follow."""
 GOAL_SPAN = 0.05
@@ -30,7 +32,8 @@ steps of the sensor (0.0015 rad)."""
 class _Servo:
     """Attributes: ``values`` measured bytes, unchanged since ``constant_ns`` (stamp ``since``);
     ``goals`` new goals since then, between ``low`` and ``high``; ``followed`` new goals that were
-    followed by new values; ``goal`` the latest; ``travel`` rad that the velocity amounts to.
+    followed by new values; ``goal`` the latest; ``readings`` of these values, the last at
+    ``seen_ns``; ``travel`` rad that the velocity amounts to.
     """
 
     values: bytes = b""
@@ -42,6 +45,7 @@ class _Servo:
     high: float = 0.0
     followed: int = 0
     seen_ns: int = 0
+    readings: int = 0
     travel: float = 0.0
     torque_off: bool = False
 
@@ -63,11 +67,12 @@ class Frozen:
             if servo.goals:
                 servo.followed = min(servo.followed + 1, FOLLOWED)
             servo.values, servo.constant_ns, servo.since = data, now_ns, stamp
-            servo.goals, servo.travel = 0, 0.0
+            servo.goals, servo.readings, servo.travel = 0, 0, 0.0
             if servo.goal is not None:
                 servo.low = servo.high = servo.goal
         elif velocity is not None:
             servo.travel += abs(velocity) * (now_ns - servo.seen_ns) / 1e9
+        servo.readings += 1
         servo.seen_ns = now_ns
 
     def command(self, instruction: bytes) -> bool:
@@ -98,12 +103,18 @@ class Frozen:
         if not enabled:
             servo.followed = servo.goals = 0
 
-    def findings(self, now_ns: int, alerts: Alerts) -> list[Finding]:
+    def findings(self, alerts: Alerts) -> list[Finding]:
         """Servos whose values cannot be true; one that reports an error may have let go."""
         found = []
         for position, servo in enumerate(self._servos):
-            constant_ns = now_ns - servo.constant_ns
-            if not servo.values or constant_ns < CONSTANT_NS or alerts.complains(position):
+            # Up to the last reading: nothing is known of the time since.
+            constant_ns = servo.seen_ns - servo.constant_ns
+            if (
+                not servo.values
+                or servo.readings < READINGS
+                or constant_ns < CONSTANT_NS
+                or alerts.complains(position)
+            ):
                 continue
             ignores = (
                 servo.followed >= FOLLOWED

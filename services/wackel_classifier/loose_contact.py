@@ -101,14 +101,14 @@ class Event(NamedTuple):
     Attributes:
         position: Of the servo in the chain.
         mark: What was on the wire.
-        cut: Nobody behind it in the request was heard either; None if nobody was asked there.
+        run: The next in the request was not heard either; None if nobody was asked after it.
         alone: It was asked alone.
         first: It was the first of several that were asked, and nobody was heard at all.
     """
 
     position: int
     mark: Mark
-    cut: bool | None
+    run: bool | None
     alone: bool
     first: bool
 
@@ -147,10 +147,10 @@ _MARKS = {
     Cause.SERVO: (0.49, 0.49, 0.01, 0.01),
     Cause.BUS: (0.39, 0.59, 0.01, 0.01),
 }
-_CUT = {Cause.CONTACT: 0.9, Cause.SERVO: 0.1, Cause.BUS: 0.3}
-"""How often nobody behind the failed servo is heard: always while a contact is open, but hardly
-ever where an answer is damaged on its way and its successors go on."""
-_FIRST_BEHIND = 0.65
+_RUN = {Cause.CONTACT: 0.85, Cause.SERVO: 0.1, Cause.BUS: 0.25}
+"""How often the next servo is not heard either: mostly while a contact is open (until it closes,
+servos behind it go on among themselves), but seldom where one answer is damaged on its way."""
+_FIRST_BEHIND = 0.6
 """How often it is the first servo behind an open contact that fails first. The rest: the contact
 opens when some behind it have already answered."""
 SECOND_ODDS = math.log(20 / 1e-3)
@@ -229,8 +229,8 @@ def _score(
 
 def _likelihood(event: Event, cause: Cause, position: int, size: int) -> float:
     likelihood = _place(event, cause, position, size) * _MARKS[cause][event.mark]
-    if event.cut is not None:
-        likelihood *= _CUT[cause] if event.cut else 1 - _CUT[cause]
+    if event.run is not None:
+        likelihood *= _RUN[cause] if event.run else 1 - _RUN[cause]
     return likelihood
 
 

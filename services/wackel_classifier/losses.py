@@ -26,8 +26,8 @@ STRAY_NS = 5_000_000_000
 """How long stray bytes are told after the last of them."""
 RECONNECTS = 2
 """So often a cable must break and come back within three windows to be loose."""
-LIKELY = 0.5
-"""Probability that a verdict needs without a statistical test: rather it than all others."""
+LIKELY = 0.9
+"""Probability that a verdict needs without a statistical test."""
 SURE = 0.95
 """Probability that another verdict needs to replace one that has been told."""
 MOST_EVENTS = 2000
@@ -101,10 +101,10 @@ class Losses:
         """A servo has answered so many requests."""
         self._trials[position] += count
 
-    def failed(self, event: Event, stamp: int) -> None:
-        """A servo has not answered, or not intact."""
-        if event.mark is Mark.DAMAGED or event.cut is False:
-            self._commit(event, stamp)  # it is there
+    def failed(self, event: Event, stamp: int, *, spoken: bool) -> None:
+        """A servo has not answered, or not intact; ``spoken``: it has certainly tried to."""
+        if spoken:
+            self._commit(event, stamp)
             return
         if any(self._pending[: event.position]):
             return  # what silences one nearer to the adapter may silence it, too
@@ -353,7 +353,7 @@ class Losses:
             # Silence of all behind it may be the instruction's loss; it says nothing.
             if event.mark is Mark.DAMAGED:
                 odds += count * _DAMAGED
-            elif event.cut is False or event.alone:
+            elif event.run is False or event.alone:
                 odds += count * _LOST
             else:
                 continue

@@ -12,23 +12,23 @@ from wackel_classifier.chain import Chain
 from wackel_classifier.findings import Finding
 from wackel_schemas import component
 
-GONE_NS = 250_000_000
+GONE_NS = 500_000_000
 """How long a servo must be without an answer to count as gone. Longer than the interruptions of a
 loose contact, which last milliseconds to tens of them, and than a servo's restart after one of
-these; short enough to name a break well within a second."""
-RESOLVE_NS = 600_000_000
+these, some 0.4 s; short enough to name a break well within a second."""
+RESOLVE_NS = 700_000_000
 """How long to wait until the servos behind a missing one have been asked on their own. Who asks
 them is the gateway in mode poll; in the other modes nobody may, and then it stays open."""
-SAME_NS = 300_000_000
-"""Servos that fall silent within this time may have one cause: the master notices those behind an
-open contact by and by, as it asks them on their own."""
+SAME_NS = 1_000_000_000
+"""Servos that fall silent within this time may have one cause, and so may come back together: the
+master notices by and by, as it asks them on their own."""
 BACK_ANSWERS = 3
 """Answers in a row after which a servo that was gone is back: one may slip through."""
-CHANCE = 1e-10
-"""Probability of taking ordinary losses in a row for a silent servo: ten million requests an hour
-(2000 packets a second), and one false alarm in a thousand hours."""
-MOST_MISSES = 60
-"""Even where losses are the rule (a permanent jammer), so many in a row are silence."""
+CERTAIN = -math.log(1e-10)
+"""Of the probability of losing so many answers in a row: ten million requests an hour (2000 packets
+a second), and one silent servo wrongly named in a thousand hours."""
+CERTAIN_JAMMED = -math.log(1e-4)
+"""The same while a jammer is there, which is seldom and destroys many answers."""
 
 
 @dataclass(slots=True)
@@ -36,13 +36,15 @@ class _Servo:
     """Attributes: times in ns of the classifier's clock.
 
     ``answered_ns`` last answer; ``misses`` requests in a row in which it had its turn and was
-    silent, since ``missed_ns`` (stamp ``since``); ``back`` answers in a row while gone.
+    silent, since ``missed_ns`` (stamp ``since``); ``evidence`` minus the logarithm of the
+    probability of losing so many answers; ``back`` answers in a row while gone.
     """
 
     answered_ns: int = -(1 << 62)
     missed_ns: int = 0
     since: int = 0
     misses: int = 0
+    evidence: float = 0.0
     gone: bool = False
     back: int = 0
 
@@ -110,31 +112,34 @@ class Reach:
         return gone
 
     def _clear(self, servo: _Servo) -> int:
-        misses, servo.misses = servo.misses, 0
+        misses, servo.misses, servo.evidence = servo.misses, 0, 0.0
         servo.gone = False
         self._waiting -= misses > 0
         return misses
 
-    def missed(self, position: int, now_ns: int, stamp: int) -> None:
-        """A servo had its turn and was not heard, in the transaction of this stamp."""
+    def missed(self, position: int, now_ns: int, stamp: int, chance: float) -> None:
+        """A servo had its turn and was not heard.
+
+        Args:
+            position: In the chain.
+            now_ns: Classifier's time.
+            stamp: Of the transaction.
+            chance: Share of such answers that are lost at present, of whatever cause.
+        """
         servo = self._servos[position]
         servo.back = 0
         if not servo.misses:
             servo.missed_ns, servo.since = now_ns, stamp
             self._waiting += 1
         servo.misses += 1
+        servo.evidence -= math.log(min(max(chance, 1e-6), 0.99))
 
-    def findings(self, now_ns: int, loss: float) -> list[Finding]:
-        """What the servos that are gone have in common.
-
-        Args:
-            now_ns: Classifier's time.
-            loss: Share of answers that this bus loses at present, of whatever cause.
-        """
+    def findings(self, now_ns: int, *, jammed: bool) -> list[Finding]:
+        """What the servos that are gone have in common; ``jammed`` by a permanent jammer."""
         if not self._waiting:
             return []
         servos = self._servos
-        needed = misses_needed(loss)
+        certain = CERTAIN_JAMMED if jammed else CERTAIN
         missing = [self._is_missing(servo, now_ns) for servo in servos]
         head = len(servos)
         while head and missing[head - 1]:
@@ -144,9 +149,9 @@ class Reach:
             head += 1
         behind = servos[head:]
         # All of them at once by chance is as unlikely as one so many times.
-        cut_off = sum(servo.misses for servo in behind) >= needed
+        cut_off = sum(servo.evidence for servo in behind) >= certain
         for place, servo in enumerate(servos):
-            alone = missing[place] and servo.misses >= needed
+            alone = missing[place] and servo.evidence >= certain
             if servo.misses and not servo.gone and (alone or (cut_off and place >= head)):
                 servo.gone = True
                 self._newly_gone.append(place)
@@ -218,9 +223,3 @@ class Reach:
             values,
             [chain.servo(head)] if alone else [],
         )
-
-
-def misses_needed(loss: float) -> int:
-    """How many misses in a row are no coincidence, given the share of answers that are lost."""
-    loss = min(max(loss, 1e-6), 0.99)
-    return min(MOST_MISSES, max(3, math.ceil(math.log(CHANCE) / math.log(loss))))

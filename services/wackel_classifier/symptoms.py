@@ -20,6 +20,9 @@ BITS_PER_BYTE = 10  # start, eight, stop
 PAUSE_FILLED = 0.5
 """Share of the pauses that foreign bytes fill when somebody writes without pause. A jammer fills
 them all; the rest is slack for a window that is reported longer than the host listened."""
+LEADING_ZEROS = 2
+"""Of a rhythmic jammer before the first answer: its own, and the one after the last packet of the
+transaction before, which came when the host no longer listened."""
 LEAST_BEATS = 2
 """Zeros at the right places within one fast answer that make a rhythm: one may be a spark."""
 PAUSE_BYTES = 8
@@ -239,8 +242,11 @@ def _judge_fast(
     beats = _beats(expectation, data)
     if beats:
         symptoms.rhythmic = True
-        silent = [Outcome.SILENT] + [Outcome.UNTESTED] * len(ids)
-        symptoms.outcomes = ([Outcome.ANSWERED] * beats + silent)[: len(ids)]
+        # A host that counts bytes stops listening too early, by as many as there are zeros.
+        early = len(data) >= expectation.total_bytes
+        next_one = Outcome.UNTESTED if early else Outcome.SILENT
+        behind = [next_one] + [Outcome.UNTESTED] * len(ids)
+        symptoms.outcomes = ([Outcome.ANSWERED] * beats + behind)[: len(ids)]
         symptoms.packets = symptoms.zeros = beats
         symptoms.stray = symptoms.broken = 0
         return
@@ -262,6 +268,13 @@ def _judge_fast(
     if tail < len(ids):
         rest = head + sum(lengths[tail:])
         outcomes[tail], in_place = _judge_tail(foreign, head + lengths[tail], rest, ids[tail])
+        for later in range(tail + 1, len(ids) if tail else 0):
+            if len(foreign) == sum(lengths[later:]) and foreign[1] == ids[later]:
+                # The others have spoken after it; their CRCs cover what was lost.
+                outcomes[tail], in_place = Outcome.LOST, True
+                if later > tail + 1:
+                    outcomes[tail + 1] = Outcome.LOST
+                break
     else:
         in_place = not foreign
     symptoms.broken = 0
@@ -286,8 +299,6 @@ def _judge_tail(tail: bytes, own: int, rest: int, servo_id: int) -> tuple[Outcom
     if not tail.strip(b"\0") and len(tail) <= 1:
         return Outcome.SILENT, True
     mine = tail[1:2] == bytes((servo_id,)) or tail.startswith(HEADER[:3])
-    if len(tail) == rest - own and not mine:
-        return Outcome.LOST, True  # the others have spoken after it
     if len(tail) in (rest, own):
         return Outcome.DAMAGED, True
     if len(tail) > rest:
@@ -297,7 +308,10 @@ def _judge_tail(tail: bytes, own: int, rest: int, servo_id: int) -> tuple[Outcom
 
 def _beats(expectation: Expectation, data: bytes) -> int:
     """How many blocks of a fast answer are intact but for a zero after each; 0 if they are not."""
-    start = 1 if data[:1] == b"\0" else 0
+    begin = data.find(HEADER)
+    if not 0 <= begin <= LEADING_ZEROS or data[:begin].strip(b"\0"):
+        return 0
+    start = begin
     parts = bytearray()
     count = 0
     for length in expectation.lengths:
@@ -307,7 +321,7 @@ def _beats(expectation: Expectation, data: bytes) -> int:
         parts += data[start:end]
         start = end + 1
         count += 1
-    if count < LEAST_BEATS or data[start:].strip(b"\0") or len(data) > start + 1:
+    if count < LEAST_BEATS:
         return 0
     entries = parse_fast(bytes(parts), expectation).entries
     return count if all(entry.ok for entry in entries) else 0
@@ -324,7 +338,7 @@ def _is_rhythmic(segments: list[Segment]) -> bool:
     for index, segment in enumerate(segments):
         if segment.kind is Kind.ZEROS:
             zeros = segment.end - segment.start
-            if zeros > (2 if index == 0 else 1):
+            if zeros > (LEADING_ZEROS if index == 0 else 1):
                 return False
         elif segment.kind is Kind.PACKET:
             if not zeros:

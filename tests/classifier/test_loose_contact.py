@@ -1,4 +1,5 @@
 from collections import Counter
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
@@ -56,7 +57,7 @@ def test_the_window_kept_up_to_date_equals_one_counted_anew(samples: list[int]) 
         window.fail(sample)
         window.expire(sample)
     kept = [sample for sample in samples if samples and sample > samples[-1] - 100]
-    distances = [b - a for a, b in zip(kept, kept[1:], strict=False)]
+    distances = [b - a for a, b in pairwise(kept)]
     assert len(window) == len(kept)
     assert window.rate == pytest.approx(len(kept) / 100)
     assert window.evenness == pytest.approx(evenness(100, len(distances), sum(distances)))
@@ -73,7 +74,7 @@ def test_losses_that_come_together_are_bursts_and_regular_ones_are_not() -> None
 
 
 def silent(position: int, *, first: bool = False) -> Event:
-    return Event(position, Mark.QUIET, cut=True, alone=False, first=first)
+    return Event(position, Mark.QUIET, run=True, alone=False, first=first)
 
 
 def test_silence_from_one_servo_on_is_the_cable_that_leads_to_it() -> None:
@@ -85,15 +86,15 @@ def test_silence_from_one_servo_on_is_the_cable_that_leads_to_it() -> None:
 
 
 def test_a_few_ordinary_losses_nearer_to_the_adapter_do_not_move_the_place() -> None:
-    ordinary = Event(1, Mark.DAMAGED, cut=False, alone=False, first=False)
+    ordinary = Event(1, Mark.DAMAGED, run=False, alone=False, first=False)
     verdict = judge(Counter({silent(4): 12, ordinary: 2}), 10, 0.15)
     assert verdict is not None
     assert (verdict.cause, verdict.position) == (Cause.CONTACT, 4)
 
 
 def test_one_servo_that_is_lost_while_those_behind_it_answer_is_that_servo() -> None:
-    lost = Event(4, Mark.QUIET, cut=False, alone=False, first=False)
-    damaged = Event(4, Mark.DAMAGED, cut=False, alone=False, first=False)
+    lost = Event(4, Mark.QUIET, run=False, alone=False, first=False)
+    damaged = Event(4, Mark.DAMAGED, run=False, alone=False, first=False)
     verdict = judge(Counter({lost: 5, damaged: 5}), 10, 0.05)
     assert verdict is not None
     assert (verdict.cause, verdict.position) == (Cause.SERVO, 4)
@@ -101,7 +102,7 @@ def test_one_servo_that_is_lost_while_those_behind_it_answer_is_that_servo() -> 
 
 def test_damage_of_all_servos_alike_is_the_bus() -> None:
     events = Counter(
-        {Event(p, Mark.DAMAGED, cut=False, alone=False, first=False): 2 for p in range(10)}
+        {Event(p, Mark.DAMAGED, run=False, alone=False, first=False): 2 for p in range(10)}
     )
     verdict = judge(events, 10, 0.05)
     assert verdict is not None
