@@ -218,7 +218,7 @@ def _plain(show: Show, console: Console, going_on: Callable[[], bool]) -> None:
     told = 0
     while going_on():
         for line in show.story[told:]:
-            console.print(line)
+            console.print(line, soft_wrap=True)
         told = len(show.story)
         show.link.pump(_REDRAW_S)
 
