@@ -135,7 +135,7 @@ def drive_problem(drive: DriveConfig, buses: Mapping[str, Collection[int]]) -> s
             users[bus, servo] = wheel.name
     if drive.track is not None and drive.kind != "differential":
         return f"drive.track: a drive of kind {drive.kind!r} has none"
-    if drive.kind == "differential" and drive.track is None and not _both_sides(drive.wheels):
+    if drive.kind == "differential" and not _both_sides(drive.wheels):
         return "drive.wheels: the left and the right wheels must stand apart (y)"
     if all(math.hypot(*position(wheel)) == 0 for wheel in drive.wheels):
         return "drive.wheels: at least one must stand away from the origin"

@@ -4,6 +4,7 @@ A cable is named after the servos it joins, in cable order from the adapter.
 """
 
 ADAPTER = "adapter"
+ODOMETRY = "odometry"
 
 
 def bus(name: str) -> str:

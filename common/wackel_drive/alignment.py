@@ -1,0 +1,261 @@
+"""Samples of all servos and gyros, each with its own stamp, to steps that share begin and end.
+
+A step ends at a sample of the first wheel that is heard of, once every other sensor covers that
+time, or has been waited for in vain. What comes late, twice, out of order, from the future or not
+at all has a defined and counted outcome; none of it stops the steps.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from wackel_drive.layout import Joint, Layout
+from wackel_drive.track import Arrival, Track
+from wackel_kinematics.array import Floats
+from wackel_node.config_drive import GyroConfig
+from wackel_schemas import component
+from wackel_schemas.bus import BusState
+from wackel_schemas.drive import ImuSample
+
+Refusal: TypeAlias = Arrival | Literal["implausible", "ahead"]
+
+WAIT_NS = 30_000_000
+"""How far the wheels' samples go on before a sensor has been waited for in vain: three cycles at
+100 Hz, so that an answer that was lost once is made up for by the next."""
+SHORTEST_NS = 1_000_000
+"""Steps are no shorter: one encoder step within less would look like a fast wheel."""
+AHEAD_NS = 1_000_000_000
+"""Stamps further ahead of the steps are not believed at once: they follow a gap, a step of the
+clock, or nonsense."""
+TO_RESTART = 5
+"""States in a row with such stamps, or with stamps of the past, after which they are believed."""
+MOST_ANGLE = 1e8
+"""rad; a counter of 32 bit with 4096 steps a turn ends at 3.3e6."""
+MOST_RATE = 1e3
+"""rad/s, of a wheel or a body; ten times what the fastest servo does."""
+
+_AXES = {"x": 0, "y": 1, "z": 2}
+
+
+@dataclass(frozen=True)
+class Step:
+    """What all sensors said of one stretch of time; NaN where one said nothing.
+
+    Attributes:
+        begin, end: Stamps, UTC ns.
+        heading: Direction of each wheel in the middle of the step, rad to the left of forward,
+            shape (n,); only steered wheels have one.
+        steered: How far each wheel was steered meanwhile, rad, shape (n,).
+        wheel_rate: Mean rolling rate, rad/s, shape (n,).
+        gyro_rate: Mean rate of each gyro, about the robot's z axis, rad/s, shape (g,).
+    """
+
+    begin: int
+    end: int
+    heading: Floats
+    steered: Floats
+    wheel_rate: Floats
+    gyro_rate: Floats
+
+    @property
+    def seconds(self) -> float:
+        """Its length."""
+        return (self.end - self.begin) / 1e9
+
+
+class Alignment:
+    """Aligns the servos of a drive and its gyros.
+
+    Attributes:
+        counts: What was not taken as it came, by source and reason.
+        refused: Source and reason of what has not been taken; the owner clears it.
+        restarts: How often time was started anew.
+        newest: Newest stamp that was taken from any sensor; ``None`` before the first.
+    """
+
+    def __init__(self, layout: Layout, gyros: Mapping[str, GyroConfig]) -> None:
+        self.counts: Counter[tuple[str, Refusal]] = Counter()
+        self.refused: list[tuple[str, Refusal]] = []
+        self.restarts = 0
+        self.newest: int | None = None
+        self._n = len(layout.names)
+        self._rolling = _sensors(layout.rolling)
+        self._steering = _sensors(layout.steering)
+        self._by_bus: dict[str, dict[int, Track]] = {}
+        for joint, track in (*self._rolling.values(), *self._steering.values()):
+            self._by_bus.setdefault(joint.servo.bus, {})[joint.servo.id] = track
+        self._gyros = {name: Track() for name in gyros}
+        servos = (track for tracks in self._by_bus.values() for track in tracks.values())
+        self._tracks = (*servos, *self._gyros.values())
+        self._axes = {name: _axis(config.axis) for name, config in gyros.items()}
+        self._done: int | None = None
+        self._wheels_newest = 0
+        self._strange = 0  # states in a row whose stamps do not fit
+        self._strange_stamp = 0
+
+    @property
+    def done(self) -> int | None:
+        """Up to where steps have been made, UTC ns; ``None`` before the first state."""
+        return self._done
+
+    def bus_state(self, bus: str, state: BusState) -> None:
+        """Takes in what the servos of a bus said; what is not of the drive is ignored."""
+        tracks = self._by_bus.get(bus, {})
+        relevant = [
+            servo
+            for servo in state.servos
+            if servo.id in tracks and (servo.position is not None or servo.velocity is not None)
+        ]
+        if not relevant or not self._fits(state.stamp, bus):
+            return
+        done = self._done or 0
+        for servo in relevant:
+            if not (_within(servo.position, MOST_ANGLE) and _within(servo.velocity, MOST_RATE)):
+                self._refuse(component.servo(bus, servo.id), "implausible")
+                continue
+            arrival = tracks[servo.id].add(state.stamp, servo.position, servo.velocity, done)
+            if arrival == "kept" or self._taken(component.servo(bus, servo.id), arrival):
+                self._wheels_newest = max(self._wheels_newest, state.stamp)
+                self._newer(state.stamp)
+
+    def gyro(self, name: str, sample: ImuSample) -> float | None:
+        """Takes in a gyro's sample.
+
+        Returns:
+            Its rate about the robot's z axis, rad/s; ``None`` if it was not taken.
+
+        Raises:
+            KeyError: No such gyro is configured.
+        """
+        axis, sign = self._axes[name]
+        rate = sign * sample.angular_velocity[axis]
+        path, stamp, done = component.gyro(name), sample.stamp, self._done
+        if not all(_within(value, MOST_RATE) for value in sample.angular_velocity):
+            self._refuse(path, "implausible")
+            return None
+        if done is not None and abs(stamp - done) > AHEAD_NS:
+            # Whether the gyro's clock is wrong or the wheels are silent, the next step will tell.
+            self.counts[path, "ahead" if stamp > done else "late"] += 1
+            return None
+        track = self._gyros[name]
+        arrival = track.add(stamp, None, rate, done or 0)
+        if arrival != "kept" and not self._taken(path, arrival):
+            return None
+        self._newer(stamp)
+        if done is None:
+            # Nothing to hold it against yet; a lone gyro must not fill its track.
+            track.forget(stamp - AHEAD_NS)
+        return rate
+
+    def step(self) -> Step | None:
+        """The next step, once it is due; call until there is none."""
+        begin = self._done
+        if begin is None:
+            return None
+        end = self._next_end(begin)
+        if end is None or not self._covered(end):
+            return None
+        seconds = (end - begin) / 1e9
+        heading, steered, wheel_rate = np.full((3, self._n), np.nan)
+        for i, (joint, track) in self._rolling.items():
+            turned = track.turned(begin, end)
+            if turned is not None:
+                wheel_rate[i] = joint.sign * turned / seconds
+        for i, (joint, track) in self._steering.items():
+            angle, turned = track.angle(begin), track.turned(begin, end)
+            if angle is not None and turned is not None:
+                heading[i] = joint.sign * (angle + turned / 2) + joint.offset
+                steered[i] = joint.sign * turned
+        gyro_rate = np.full(len(self._gyros), np.nan)
+        for i, track in enumerate(self._gyros.values()):
+            turned = track.turned(begin, end)
+            if turned is not None:
+                gyro_rate[i] = turned / seconds
+        self._advance(end)
+        return Step(begin, end, heading, steered, wheel_rate, gyro_rate)
+
+    def _next_end(self, begin: int) -> int | None:
+        """Where the next step ends: at a sample of the first driven wheel that is not absent."""
+        for _, track in self._rolling.values():
+            if track.newest is not None and track.newest + WAIT_NS >= self._wheels_newest:
+                return track.after(begin + SHORTEST_NS)
+        return None
+
+    def _covered(self, end: int) -> bool:
+        """Whether nothing is left that waiting for could bring."""
+        awaited = [
+            track
+            for track in self._tracks
+            if track.present and track.newest is not None and track.newest < end
+        ]
+        if awaited and self._wheels_newest < end + WAIT_NS:
+            return False
+        for track in awaited:
+            track.present = False
+        return True
+
+    def _advance(self, done: int) -> None:
+        self._done = done
+        for track in self._tracks:
+            track.forget(done)
+
+    def _fits(self, stamp: int, bus: str) -> bool:
+        """Whether a state's stamp can be believed; starts time anew where enough of them agree."""
+        done = self._done
+        if done is None:
+            self._done = stamp
+            return True
+        if done - AHEAD_NS < stamp <= done + AHEAD_NS:
+            self._strange = 0
+            return True
+        if 0 < stamp - self._strange_stamp <= AHEAD_NS:
+            self._strange += 1
+        else:
+            self._strange = 1
+        self._strange_stamp = stamp
+        if self._strange < TO_RESTART:
+            self._refuse(component.bus(bus), "ahead" if stamp > done else "late")
+            return False
+        self._restart(stamp)
+        return True
+
+    def _newer(self, stamp: int) -> None:
+        if self.newest is None or stamp > self.newest:
+            self.newest = stamp
+
+    def _taken(self, source: str, arrival: Arrival) -> bool:
+        """Counts a sample that did not come as it should; says whether it was taken even so."""
+        if arrival == "reordered":
+            self.counts[source, arrival] += 1
+            return True
+        self._refuse(source, arrival)
+        return False
+
+    def _refuse(self, source: str, reason: Refusal) -> None:
+        self.counts[source, reason] += 1
+        self.refused.append((source, reason))
+
+    def _restart(self, stamp: int) -> None:
+        self.restarts += 1
+        self._strange = 0
+        self._done = self._wheels_newest = self.newest = stamp
+        for track in self._tracks:
+            track.clear()
+
+
+def _sensors(joints: Iterable[Joint | None]) -> dict[int, tuple[Joint, Track]]:
+    return {i: (joint, Track()) for i, joint in enumerate(joints) if joint is not None}
+
+
+def _axis(name: str) -> tuple[int, int]:
+    """Index and sign of an axis such as ``-z``."""
+    return _AXES[name[-1]], -1 if name.startswith("-") else 1
+
+
+def _within(value: float | None, most: float) -> bool:
+    """Whether a value is absent or sensible; NaN is not."""
+    return value is None or (math.isfinite(value) and abs(value) <= most)

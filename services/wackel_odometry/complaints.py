@@ -1,0 +1,50 @@
+"""Complaints about inputs: who sends what cannot be."""
+
+from collections.abc import Iterable
+
+from wackel_drive.alignment import Refusal
+from wackel_odometry.reports import Complaint
+
+FORGIVEN = 10
+"""Late or repeated samples within MEMORY_NS that a busy computer may cause."""
+MEMORY_NS = 1_000_000_000
+
+_REASONS: dict[Refusal, str] = {
+    "implausible": "values that are no numbers, or beyond all measure",
+    "late": "stamps of the past",
+    "ahead": "stamps of the future",
+    "repeated": "the same stamp twice",
+    "flood": "more samples than it can have taken",
+}
+
+
+class InputWatch:
+    """Counts refused samples by source and reason."""
+
+    def __init__(self) -> None:
+        self._seen: dict[tuple[str, Refusal], tuple[int, int]] = {}  # last stamp, count
+
+    def refuse(self, refused: Iterable[tuple[str, Refusal]], now: int) -> None:
+        """Samples that were not taken at a time."""
+        for key in refused:
+            last, count = self._seen.get(key, (now, 0))
+            self._seen[key] = now, count + 1 if abs(now - last) <= MEMORY_NS else 1
+
+    def complaints(self, now: int) -> dict[str, list[Complaint]]:
+        """What is wrong with each source that was ever refused; an empty list: no longer anything.
+
+        One sample that cannot be is enough; of the others, more than a busy computer causes.
+        """
+        found: dict[str, list[Complaint]] = {source: [] for source, _ in self._seen}
+        for (source, reason), (last, count) in self._seen.items():
+            recent = abs(now - last) <= MEMORY_NS
+            if recent and not found[source] and (reason == "implausible" or count > FORGIVEN):
+                found[source].append(
+                    Complaint(
+                        "bad_input",
+                        f"{count} samples with {_REASONS[reason]}",
+                        {"samples": count},
+                        {"reason": _REASONS[reason]},
+                    )
+                )
+        return found

@@ -1,0 +1,393 @@
+"""The odometry of one robot: messages in, odometry and fault reports out.
+
+Time is the stamps of the messages, so a recording gives the same as the robot.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from msgspec.structs import replace as replace_fields
+
+from wackel_drive.alignment import Alignment, Step
+from wackel_drive.layout import Layout
+from wackel_kinematics.array import Bools
+from wackel_node.config_drive import DriveConfig, GyroConfig
+from wackel_odometry.complaints import InputWatch
+from wackel_odometry.filter import FIRST_BIAS, OMEGA, POSE, TWIST, PlanarFilter
+from wackel_odometry.gate import GATE, Verdict, gate
+from wackel_odometry.gyro_watch import GyroWatch
+from wackel_odometry.reports import Complaint, Reports
+from wackel_odometry.rows import Measurements, Rows, blocked, counted_once
+from wackel_odometry.standstill import REST_SIGMA, Standstill
+from wackel_schemas import component
+from wackel_schemas.bus import BusState
+from wackel_schemas.drive import (
+    Exclusion,
+    Exclusions,
+    GyroState,
+    ImuSample,
+    InputState,
+    Odometry,
+    OdometryReply,
+    OdometryRequest,
+    Result,
+    WheelSlip,
+)
+from wackel_schemas.fault import FaultReport
+from wackel_schemas.message import Message
+
+BLIND_SIGMA = np.array([0.2, 0.2, 0.5])
+"""m/s, m/s and rad/s beyond which a twist is as good as unknown: without any measurement it is
+reached in 0.1 s."""
+SILENT_NS = 250_000_000
+"""Without a step for so long the wheels are silent."""
+TELL_NS = 100_000_000
+"""How often that is said."""
+RELEARN_S = 3.0
+"""Of wheels at rest and a gyro that steadily shows something else: nobody turns a robot on its
+wheels so evenly, so the bias has jumped."""
+UNSEEN_SPEED = 0.5
+"""m/s and rad/s at which a robot may have moved during a gap."""
+UNSEEN_LONGEST_S = 60.0
+EXAMINE_NS = 250_000_000
+"""How often faults are looked at; all of them need longer to be seen."""
+FARTHEST = 1e6
+"""m; a pose that is set beyond would have no millimetres left."""
+
+GATE_SIGMAS = math.sqrt(GATE)
+
+
+class Odometer:
+    """Pose and twist of a robot.
+
+    Args:
+        config: Its drive.
+        gyros: By name, as published on ``imu/<name>``.
+    """
+
+    def __init__(self, config: DriveConfig, gyros: Mapping[str, GyroConfig]) -> None:
+        layout = Layout(config)
+        settings = list(gyros.values())
+        density = np.array([gyro.noise_density for gyro in settings])
+        self._names = layout.names
+        self._gyros = {name: GyroWatch(gyro) for name, gyro in gyros.items()}
+        self._alignment = Alignment(layout, gyros)
+        self._rows = Rows(layout, config, gyros)
+        self._filter = PlanarFilter(
+            # A data sheet's limit is taken for three standard deviations.
+            np.array([gyro.bias_limit / 3 for gyro in settings]),
+            np.array([gyro.bias_stability for gyro in settings]),
+        )
+        roll_wheels = layout.drive.roll_wheels
+        self._standstill = Standstill(roll_wheels, config.encoder_step, density)
+        self._at_rest = np.zeros((3, FIRST_BIAS + len(settings)))
+        self._at_rest[:, TWIST] = np.eye(3)
+        self._roll_rows = self._rows.roll_of[roll_wheels]
+        self._reports = Reports()
+        self._inputs = InputWatch()
+        self._excluded: list[Exclusion] = []
+        self._blocked = blocked(self._rows, ())
+        self._slipping = False
+        self._rejections = [0] * len(self._rows.names)
+        self._contradicted = np.zeros(len(settings))  # s of each gyro against wheels at rest
+        self._latest: Odometry | None = None
+        self._examined: int | None = None
+        self._told: int | None = None
+        self._in_step = np.zeros(len(settings), dtype=np.bool_)
+        self._lost = ""
+
+    def bus_state(self, bus: str, state: BusState) -> list[Message]:
+        """Takes in what the servos of a bus said.
+
+        Returns:
+            Odometry for each step that it completes, and fault reports; numbered by who publishes.
+        """
+        restarts, before = self._alignment.restarts, self._alignment.done
+        self._alignment.bus_state(bus, state)
+        if self._alignment.restarts != restarts:
+            self._unseen(before or 0, self._alignment.done or 0)
+        return [*self._steps(), *self._refusals(state.stamp)]
+
+    def imu(self, name: str, sample: ImuSample) -> list[Message]:
+        """Takes in a sample of an inertial sensor; one that is not configured is ignored.
+
+        Returns:
+            As :meth:`bus_state`; while the wheels are silent, that the pose is not known.
+        """
+        if name not in self._gyros:
+            return []
+        rate = self._alignment.gyro(name, sample)
+        self._gyros[name].sample(sample.stamp, sample.angular_velocity, rate)
+        messages = [*self._steps(), *self._refusals(sample.stamp)]
+        return messages or self._silence(sample.stamp)
+
+    def exclusions(self, message: Exclusions) -> None:
+        """Obeys from the next step on; a component that is not there is ignored."""
+        self._excluded = [
+            each for each in message.excluded if self._rows.of_component(each.component) is not None
+        ]
+        self._blocked = blocked(self._rows, [each.component for each in self._excluded])
+        self._slipping = any(each.fault == "actuator" for each in self._excluded)
+
+    def active(self) -> list[FaultReport]:
+        """The faults that are active, in the order in which they began."""
+        return self._reports.active()
+
+    def request(self, request: OdometryRequest, stamp: int) -> OdometryReply:
+        """Answers a request; ``stamp`` is that of the answer."""
+        if request.operation == "reset":
+            self._filter.set_pose(np.zeros(3), 0.0, 0.0)
+            self._lost = ""
+            text = "the pose is the origin"
+        elif request.operation == "set_pose":
+            pose = request.x, request.y, request.theta
+            sigmas = request.position_sigma, request.heading_sigma
+            if not (
+                all(abs(value) <= FARTHEST for value in pose)
+                and all(0 <= sigma <= FARTHEST for sigma in sigmas)
+            ):
+                return OdometryReply(
+                    stamp=stamp,
+                    ok=False,
+                    text=f"pose and sigmas must be numbers up to {FARTHEST:g}, sigmas from 0 up",
+                    odometry=self._latest,
+                )
+            self._filter.set_pose(np.array(pose), request.position_sigma, request.heading_sigma)
+            self._lost = ""
+            text = f"the pose is {request.x:g} m, {request.y:g} m, {request.theta:g} rad"
+        else:
+            text = "the latest" if self._latest is not None else "no step has been made yet"
+        if self._latest is not None and request.operation != "get":
+            self._latest = self._placed(self._latest)
+        return OdometryReply(stamp=stamp, ok=True, text=text, odometry=self._latest)
+
+    def _steps(self) -> list[Message]:
+        messages: list[Message] = []
+        while (step := self._alignment.step()) is not None:
+            messages.append(self._step(step))
+            messages += self._examine(step.end)
+        return messages
+
+    def _step(self, step: Step) -> Odometry:
+        useless = [not watch.usable(step) for watch in self._gyros.values()]
+        if any(useless):
+            step = replace(step, gyro_rate=np.where(useless, np.nan, step.gyro_rate))
+        estimator = self._filter
+        estimator.seconds = step.seconds
+        estimator.predict()
+        rows = self._rows.measure(step, estimator.x[TWIST], self._slipping)
+        usable = rows.present() & ~self._blocked
+        resting = self._standstill.step(step, ~self._blocked[self._roll_rows])
+        verdict = self._rest(rows, usable, step.seconds) if resting else None
+        standing = verdict is not None
+        if verdict is None:
+            verdict = self._move(rows, usable, step.seconds)
+        self._watch_gyros(rows, usable, verdict, step)
+        if not estimator.sound():
+            estimator.restart()
+            self._lost = "the arithmetic has failed; the pose starts anew"
+        self._latest = self._odometry(step, rows, verdict, standing)
+        return self._latest
+
+    def _move(self, rows: Measurements, usable: Bools, seconds: float) -> Verdict:
+        """Takes in what passes the gates."""
+        estimator = self._filter
+        chosen = usable.nonzero()[0]
+        instant, lasting = rows.white + rows.systematic, counted_once(rows, seconds)
+        z, h = rows.z[chosen], rows.h[chosen]
+        verdict = gate(z - h @ estimator.x, h, estimator.P, instant[chosen])
+        kept = chosen[verdict.accepted]
+        if len(kept):
+            estimator.correct(rows.z[kept], rows.h[kept], lasting[kept], learn_bias=False)
+        return verdict
+
+    def _rest(self, rows: Measurements, usable: Bools, seconds: float) -> Verdict | None:
+        """Takes the robot to stand still; ``None`` if a gyro contradicts."""
+        estimator, first = self._filter, self._rows.wheels
+        shown = np.where(usable[first:], rows.z[first:] - estimator.x[FIRST_BIAS:], 0.0)
+        sigma = np.sqrt(estimator.P.diagonal()[FIRST_BIAS:] + rows.white[first:])
+        contradicts = np.abs(shown) > GATE_SIGMAS * sigma
+        self._contradicted = np.where(contradicts, self._contradicted + seconds, 0.0)
+        for number in np.flatnonzero(self._contradicted >= RELEARN_S).tolist():
+            estimator.forget_bias(number)
+            self._contradicted[number] = 0.0
+        if contradicts.any():
+            return None
+        gyros = np.flatnonzero(usable[first:]) + first
+        estimator.correct(
+            np.concatenate([np.zeros(3), rows.z[gyros]]),
+            np.concatenate([self._at_rest, rows.h[gyros]]),
+            np.concatenate([REST_SIGMA**2, rows.white[gyros]]),
+            learn_bias=True,
+        )
+        return Verdict(
+            np.ones(int(usable.sum()), dtype=np.bool_),
+            np.concatenate([rows.z[:first], shown])[usable],
+            np.concatenate([np.sqrt(rows.white[:first]), sigma])[usable],
+        )
+
+    def _watch_gyros(self, rows: Measurements, usable: Bools, verdict: Verdict, step: Step) -> None:
+        """Holds each gyro against the yaw rate that the rest says, which its innovation leaves."""
+        judged = usable.nonzero()[0].tolist()
+        x = self._filter.x
+        for i, watch in enumerate(self._gyros.values()):
+            row, bias, others = self._rows.wheels + i, float(x[FIRST_BIAS + i]), float(x[OMEGA])
+            shown = float(rows.z[row])
+            if row in judged:
+                at = judged.index(row)
+                known = verdict.sigma[at] < BLIND_SIGMA[2]
+                others = shown - bias - float(verdict.innovation[at]) if known else math.nan
+            watch.step(step, others, shown, bias)
+        self._in_step = np.isfinite(step.gyro_rate)
+
+    def _odometry(
+        self, step: Step, rows: Measurements, verdict: Verdict, standing: bool
+    ) -> Odometry:
+        x, covariance = self._filter.x, self._filter.P
+        present = rows.present()
+        inputs = self._input_states(present, verdict)
+        reason = self._lost
+        if (covariance.diagonal()[TWIST] > BLIND_SIGMA**2).any():
+            left_out = [f"{each.name} {each.result}" for each in inputs if each.result != "used"]
+            reason = f"too few inputs: {', '.join(left_out)}"
+        sigmas = np.sqrt(covariance.diagonal()[FIRST_BIAS:]).tolist()
+        biases = x[FIRST_BIAS:].tolist()
+        done, newest = step.end, self._alignment.newest or step.end
+        px, py, theta, vx, vy, omega = x[:FIRST_BIAS].tolist()
+        return Odometry(
+            stamp=done,
+            x=px,
+            y=py,
+            theta=math.remainder(theta, math.tau),
+            vx=vx,
+            vy=vy,
+            omega=omega,
+            pose_covariance=covariance[POSE, POSE].ravel().tolist(),
+            twist_covariance=covariance[TWIST, TWIST].ravel().tolist(),
+            valid=not reason,
+            reason=reason,
+            age_s=max(newest - done, 0) / 1e9,
+            standing=standing,
+            gyros=[
+                GyroState(name=name, bias=bias, sigma=sigma)
+                for name, bias, sigma in zip(self._gyros, biases, sigmas, strict=True)
+            ],
+            inputs=inputs,
+            slip=[
+                WheelSlip(name=name, along=_number(along), across=_number(across))
+                for name, (along, across) in zip(
+                    self._names, self._rows.slip(rows, x[TWIST]), strict=True
+                )
+            ],
+            excluded=self._excluded,
+            discarded={
+                f"{source}: {why}": count for (source, why), count in self._alignment.counts.items()
+            },
+            restarts=self._alignment.restarts,
+        )
+
+    def _input_states(self, present: Bools, verdict: Verdict) -> list[InputState]:
+        judged = zip(
+            verdict.accepted.tolist(),
+            verdict.innovation.tolist(),
+            verdict.sigma.tolist(),
+            strict=True,
+        )
+        states = []
+        for i, (there, blocked_) in enumerate(
+            zip(present.tolist(), self._blocked.tolist(), strict=True)
+        ):
+            name = self._rows.names[i]
+            if blocked_ or not there:
+                result: Result = "excluded" if blocked_ else "missing"
+                state = InputState(name=name, result=result, rejections=self._rejections[i])
+            else:
+                accepted, innovation, sigma = next(judged)
+                self._rejections[i] += not accepted
+                state = InputState(
+                    name=name,
+                    result="used" if accepted else "rejected",
+                    innovation=innovation,
+                    sigma=sigma,
+                    rejections=self._rejections[i],
+                )
+            states.append(state)
+        return states
+
+    def _placed(self, odometry: Odometry) -> Odometry:
+        """The latest, at the pose to which it was set."""
+        px, py, theta = self._filter.x[POSE].tolist()
+        covariance = self._filter.P[POSE, POSE].ravel().tolist()
+        return replace_fields(
+            odometry,
+            x=px,
+            y=py,
+            theta=math.remainder(theta, math.tau),
+            pose_covariance=covariance,
+        )
+
+    def _examine(self, now: int) -> list[FaultReport]:
+        """Faults as of the end of a step."""
+        if self._examined is not None and 0 <= now - self._examined < EXAMINE_NS:
+            return []
+        self._examined = now
+        found = self._inputs.complaints(now)
+        biases = self._filter.x[FIRST_BIAS:].tolist()
+        sigmas = np.sqrt(self._filter.P.diagonal()[FIRST_BIAS:]).tolist()
+        for (name, watch), bias, sigma in zip(self._gyros.items(), biases, sigmas, strict=True):
+            path = component.gyro(name)
+            found[path] = found.get(path, []) + watch.complaints(now, bias, sigma)
+        reason = self._latest.reason if self._latest is not None else ""
+        found[component.ODOMETRY] = [_pose_unknown(reason)] if reason else []
+        return [
+            report
+            for path, complaints in found.items()
+            for report in self._reports.update(path, complaints, now)
+        ]
+
+    def _refusals(self, now: int) -> list[FaultReport]:
+        """What is wrong with samples that have just come; told even where no step is made."""
+        refused = self._alignment.refused
+        if not refused:
+            return []
+        now = self._alignment.newest or now
+        self._inputs.refuse(refused, now)
+        refused.clear()
+        return [
+            report
+            for path, complaints in self._inputs.complaints(now).items()
+            if complaints
+            for report in self._reports.begin(path, complaints, now)
+        ]
+
+    def _silence(self, now: int) -> list[Message]:
+        """Says now and then, on the gyros' time, that the wheels say nothing."""
+        done, latest = self._alignment.done, self._latest
+        if done is None or latest is None or not self._in_step.any():
+            return []
+        told = self._told is not None and 0 <= now - self._told < TELL_NS
+        if told or now - done < SILENT_NS:
+            return []
+        self._told = now
+        age_s = (now - done) / 1e9
+        reason = f"the wheels have said nothing for {age_s:.1f} s"
+        self._latest = replace_fields(latest, valid=False, reason=reason, age_s=age_s)
+        return [
+            self._latest,
+            *self._reports.begin(component.ODOMETRY, [_pose_unknown(reason)], now),
+        ]
+
+    def _unseen(self, before: int, after: int) -> None:
+        """Time was started anew: the robot may have moved meanwhile."""
+        gap_s = min(abs(after - before) / 1e9, UNSEEN_LONGEST_S)
+        self._filter.widen_pose(UNSEEN_SPEED * gap_s, UNSEEN_SPEED * gap_s)
+
+
+def _pose_unknown(reason: str) -> Complaint:
+    return Complaint("pose_unknown", reason, {}, {"reason": reason})
+
+
+def _number(value: float) -> float | None:
+    return value if math.isfinite(value) else None

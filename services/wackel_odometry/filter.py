@@ -1,0 +1,124 @@
+"""The Kalman filter: a planar robot whose twist is measured by rows, and whose gyros have a bias.
+
+State: pose [x, y, θ], twist [vx, vy, ω] in the robot's own frame, bias of each gyro. The twist is
+the mean of the latest step, and the pose moves by its exponential (:mod:`wackel_kinematics.planar`)
+within the same prediction; what a measurement then corrects of the twist, it corrects of the pose
+too, so the estimate does not lag behind the measurements.
+"""
+
+import math
+
+import numpy as np
+from filterpy.kalman import ExtendedKalmanFilter
+
+from wackel_kinematics.array import Floats
+
+POSE = slice(0, 3)
+TWIST = slice(3, 6)
+OMEGA = 5
+FIRST_BIAS = 6
+
+AGILITY = np.array([0.4, 0.4, 10.0])
+"""Density of the twist's random walk, (m/s²)² s and (rad/s²)² s: 2 m/s² and 10 rad/s² kept up for
+0.1 s, a servo robot that starts or stops. The measurements of one step outweigh it by far, so it
+only says how much of the earlier twist is left to judge them by."""
+BIAS_TIME_S = 100.0
+"""Time in which a gyro's bias wanders by its stability."""
+FASTEST = 1e3
+"""m/s or rad/s; a twist beyond is a failure of the arithmetic."""
+
+
+class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
+    """The state and its covariance; shapes (6 + g,) and (6 + g, 6 + g).
+
+    Args:
+        bias_sigma: Standard deviation of each gyro's bias at the start, rad/s, shape (g,).
+        bias_stability: Of each, rad/s, shape (g,).
+    """
+
+    def __init__(self, bias_sigma: Floats, bias_stability: Floats) -> None:
+        size = FIRST_BIAS + len(bias_sigma)
+        self._learning = True
+        super().__init__(dim_x=size, dim_z=1)
+        self._bias_variance = np.square(bias_sigma)
+        self._walk = np.concatenate([np.zeros(3), AGILITY, bias_stability**2 / BIAS_TIME_S])
+        self.seconds = 0.0
+        self.restart()
+
+    def restart(self) -> None:
+        """Forgets everything: at the origin, at rest, biases unknown."""
+        self.x = np.zeros(self.dim_x)
+        self.P = np.diag(np.concatenate([np.zeros(6), self._bias_variance]))
+
+    def forget_bias(self, number: int) -> None:
+        """The bias of a gyro is as unknown as at the start."""
+        at = FIRST_BIAS + number
+        self.P[at, :] = self.P[:, at] = 0.0
+        self.P[at, at] = self._bias_variance[number]
+
+    def widen_pose(self, position_sigma: float, heading_sigma: float) -> None:
+        """The robot may have moved unseen; the twist of before says nothing any more."""
+        self.P[POSE, POSE] += np.diag([position_sigma**2, position_sigma**2, heading_sigma**2])
+        self.x[TWIST] = 0.0
+        self.P[TWIST, :] = self.P[:, TWIST] = 0.0
+
+    def set_pose(self, pose: Floats, position_sigma: float, heading_sigma: float) -> None:
+        """The robot is here, known so well; all that was correlated with the old pose is not."""
+        self.x[POSE] = pose
+        self.P[POSE, :] = self.P[:, POSE] = 0.0
+        self.P[POSE, POSE] = np.diag([position_sigma**2, position_sigma**2, heading_sigma**2])
+
+    def predict_x(self, u: float = 0.0) -> None:  # noqa: ARG002 (filterpy's signature)
+        """Moves the state on by ``seconds``, and sets F and Q accordingly."""
+        dt = self.seconds
+        x, y, theta, vx, vy, omega = (float(value) for value in self.x[:FIRST_BIAS])
+        half = omega * dt / 2
+        middle = theta + half
+        chord = math.sin(half) / half * dt if half else dt
+        cos, sin = math.cos(middle) * chord, math.sin(middle) * chord
+        dx, dy = cos * vx - sin * vy, sin * vx + cos * vy
+        self.x[0], self.x[1], self.x[2] = x + dx, y + dy, theta + omega * dt
+        f = self.F
+        f[0, 2], f[1, 2] = -dy, dx
+        f[0, 3], f[0, 4], f[0, 5] = cos, -sin, -dy * dt / 2
+        f[1, 3], f[1, 4], f[1, 5] = sin, cos, dx * dt / 2
+        f[2, 5] = dt
+        # The walk of the twist has happened before the pose moves by it.
+        self.Q = (f * (self._walk * dt)) @ f.T
+
+    @property
+    def K(self) -> Floats:  # noqa: N802 (filterpy's name)
+        """The gain, which filterpy sets and then uses for state and covariance alike.
+
+        Its form of the covariance (Joseph's) holds for any gain, so this is the place to consider
+        the biases instead of learning them (Schmidt): their uncertainty counts, but errors of the
+        wheels cannot leak into them.
+        """
+        return self._gain
+
+    @K.setter
+    def K(self, gain: Floats) -> None:  # noqa: N802
+        if not self._learning:
+            gain[FIRST_BIAS:] = 0.0
+        self._gain = gain
+
+    def correct(self, z: Floats, h: Floats, variance: Floats, learn_bias: bool) -> None:
+        """Takes in measurements.
+
+        Args:
+            z: Shape (m,).
+            h: Their rows, shape (m, 6 + g).
+            variance: Of each, shape (m,).
+            learn_bias: Whether they may change the biases.
+        """
+        self._learning = learn_bias
+        self.update(z, lambda _: h, lambda x: h @ x, R=np.diag(variance))
+
+    def sound(self) -> bool:
+        """Whether the state is one: finite, of this world, with variances that are not negative."""
+        total = float(self.x.sum() + self.P.sum())  # not finite if any of them is not
+        return (
+            math.isfinite(total)
+            and float(self.P.diagonal().min()) >= 0.0
+            and all(abs(speed) < FASTEST for speed in self.x[TWIST].tolist())
+        )

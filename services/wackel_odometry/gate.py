@@ -1,0 +1,67 @@
+"""Which measurements to believe: each is held against the prediction and all the others."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg.blas import dsymv
+from scipy.linalg.lapack import dpotrf, dpotri
+
+from wackel_kinematics.array import Bools, Floats
+
+GATE = 16.0
+"""Square of the 4 standard deviations at which a measurement is rejected (facts: y² < 16 S): of
+normal ones, 6 in 100 000."""
+
+
+class Verdict(NamedTuple):
+    """What the gates say; shapes (m,).
+
+    Attributes:
+        accepted: Whether each is believed.
+        innovation: How far it is from what prediction and the other accepted ones say of it.
+        sigma: Standard deviation that this should have.
+    """
+
+    accepted: Bools
+    innovation: Floats
+    sigma: Floats
+
+
+def gate(innovation: Floats, h: Floats, covariance: Floats, variance: Floats) -> Verdict:
+    """Judges measurements that were made at the same time.
+
+    With S = H P Hᵀ + R, what measurement i says beyond the prediction and all others is
+    (S⁻¹ y)_i / (S⁻¹)_ii with variance 1 / (S⁻¹)_ii: so a wheel that slips stands out against the
+    other wheels, even where the prediction alone leaves much open. The worst is taken out until
+    the rest agree.
+
+    Args:
+        innovation: Measurements less what is predicted, y, shape (m,).
+        h: Their rows, H, shape (m, n).
+        covariance: Of the prediction, P, shape (n, n).
+        variance: Of the measurements, diagonal of R, shape (m,).
+    """
+    s = h @ covariance @ h.T
+    s.flat[:: len(s) + 1] += variance
+    alone, sigma = _left_out(s, innovation)
+    worst = (alone / sigma) ** 2
+    kept = np.arange(len(innovation))
+    all_alone, all_sigma = alone, sigma
+    while worst.max(initial=0.0) > GATE:
+        kept = np.delete(kept, worst.argmax())
+        alone, sigma = _left_out(s[np.ix_(kept, kept)], innovation[kept])
+        all_alone[kept], all_sigma[kept] = alone, sigma
+        worst = (alone / sigma) ** 2
+    accepted = np.zeros(len(innovation), dtype=np.bool_)
+    accepted[kept] = True
+    return Verdict(accepted, all_alone, all_sigma)
+
+
+def _left_out(s: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Innovation of each given all others, and its standard deviation."""
+    # LAPACK without numpy's or scipy's checks, which take longer than a matrix of this size.
+    factor, _ = dpotrf(s, lower=True)
+    lower, _ = dpotri(factor, lower=True)
+    own = lower.diagonal()
+    # dsymv reads the lower triangle only.
+    return dsymv(1.0, lower, y, lower=True) / own, 1.0 / np.sqrt(own)

@@ -1,0 +1,166 @@
+"""Watches one gyro: saturated, frozen, silent, at the wrong rate, wrongly stamped, biased."""
+
+import math
+
+from wackel_drive.alignment import AHEAD_NS, Step
+from wackel_node.config_drive import GyroConfig
+from wackel_odometry.reports import Complaint
+from wackel_odometry.time_offset import TimeOffset
+
+NEAR_SATURATION = 0.98
+"""Share of the greatest rate beyond which a sensor is no longer linear."""
+SATURATED_NS = 1_000_000_000
+"""For so long after it the heading may have suffered."""
+SILENT_NS = 500_000_000
+"""Longer than any driver's buffer."""
+FROZEN_SAMPLES = 25
+FROZEN_NS = 500_000_000
+"""A gyro's noise is about one step of its resolution; even a coarse one shows another value within
+25 samples if the robot turns meanwhile."""
+FROZEN_TURN = 0.1
+"""rad/s by which the wheels' yaw rate must change meanwhile: 100 steps of a common gyro."""
+RATE_NS = 1_000_000_000
+RATE_FACTOR = 1.5
+"""A driver's timer is within a few percent; the next setting of a sensor is twice or half."""
+OFFSET_S = 0.02
+"""At 5 rad/s², a quick turn's start, it makes an error of 0.1 rad/s."""
+OFFSET_SIGMAS = 5.0
+
+
+class GyroWatch:
+    """Follows the samples of one gyro and the steps.
+
+    Args:
+        config: Of the gyro.
+    """
+
+    def __init__(self, config: GyroConfig) -> None:
+        self._config = config
+        self._last: tuple[float, float, float] | None = None
+        self._same = 0  # samples
+        self._same_since = 0
+        self._turn: tuple[float, float] | None = None  # least and greatest meanwhile
+        self._saturated: int | None = None
+        self._stamp: int | None = None
+        self._heard: int | None = None  # end of the last step that it covered
+        self._window: tuple[int, int] | None = None  # since, samples
+        self._rate: float | None = None
+        self._offset = TimeOffset()
+
+    @property
+    def frozen(self) -> bool:
+        """Whether its value is stuck."""
+        return (
+            self._stamp is not None
+            and self._same >= FROZEN_SAMPLES
+            and self._stamp - self._same_since >= FROZEN_NS
+            and self._turn is not None
+            and self._turn[1] - self._turn[0] >= FROZEN_TURN
+        )
+
+    def sample(self, stamp: int, values: tuple[float, float, float], rate: float | None) -> None:
+        """A sample as it came; ``rate`` about the robot's z axis where it was taken."""
+        if values == self._last:
+            self._same += 1
+        else:
+            self._last, self._same, self._same_since, self._turn = values, 1, stamp, None
+        if rate is not None and abs(rate) >= NEAR_SATURATION * self._config.saturation:
+            self._saturated = stamp
+        self._stamp = stamp
+        since, count = self._window or (stamp, 0)
+        if not 0 <= stamp - since <= 2 * RATE_NS:
+            self._window = stamp, 0
+        elif stamp - since >= RATE_NS:
+            self._rate = count * 1e9 / (stamp - since)
+            self._window = stamp, 1
+        else:
+            self._window = since, count + 1
+
+    def usable(self, step: Step) -> bool:
+        """Whether what it said of a step can be used: not stuck, not at its limit."""
+        period = 1e9 / self._config.rate
+        saturated = self._saturated is not None and (
+            step.begin - period <= self._saturated <= step.end + period
+        )
+        return not (saturated or self.frozen)
+
+    def step(self, step: Step, wheels: float, gyro: float, bias: float) -> None:
+        """Takes in the yaw rate of the wheels alone and of the gyro in a step, rad/s, maybe NaN."""
+        if math.isfinite(gyro):
+            self._heard = step.end
+        elif self._heard is None:
+            self._heard = step.begin
+        if math.isfinite(wheels):
+            low, high = self._turn or (wheels, wheels)
+            self._turn = min(low, wheels), max(high, wheels)
+        self._offset.add(step.seconds, wheels, gyro - bias)
+
+    def complaints(self, now: int, bias: float, sigma: float) -> list[Complaint]:
+        """What is wrong with it, as of the end of the latest step."""
+        config, found = self._config, []
+        if self._saturated is not None and 0 <= now - self._saturated <= SATURATED_NS:
+            limit = config.saturation
+            found.append(
+                Complaint(
+                    "gyro_saturated",
+                    f"a rate of {NEAR_SATURATION:.0%} of {limit:g} rad/s and more",
+                    {"limit_rad_s": limit},
+                )
+            )
+        if self.frozen:
+            found.append(
+                Complaint(
+                    "gyro_frozen",
+                    f"{self._same} samples with exactly the same value while the wheels turn",
+                    {"samples": self._same},
+                )
+            )
+        if self._heard is not None and now - self._heard > SILENT_NS:
+            found.append(self._out_of_step(now, now - self._heard))
+        elif self._rate is not None:
+            if not 1 / RATE_FACTOR <= self._rate / config.rate <= RATE_FACTOR:
+                rate, nominal = f"{self._rate:.0f}", f"{config.rate:.0f}"
+                found.append(
+                    Complaint(
+                        "gyro_rate",
+                        f"{rate} samples a second, {nominal} expected",
+                        {"rate_Hz": round(self._rate, 1), "nominal_Hz": config.rate},
+                        {"rate": rate, "nominal": nominal},
+                    )
+                )
+            offset = self._offset.estimate()
+            if offset is not None and abs(offset.seconds) > max(
+                OFFSET_S, OFFSET_SIGMAS * offset.sigma
+            ):
+                found.append(_offset(offset.seconds, offset.sigma))
+        if abs(bias) - 3 * sigma > config.bias_limit:
+            found.append(
+                Complaint(
+                    "gyro_bias",
+                    f"a bias of {bias:.4f} ± {sigma:.4f} rad/s, at most {config.bias_limit:g} "
+                    "expected",
+                    {"bias_rad_s": round(bias, 5), "limit_rad_s": config.bias_limit},
+                    {"bias": f"{bias:.3f}"},
+                )
+            )
+        return found
+
+    def _out_of_step(self, now: int, silent_ns: int) -> Complaint:
+        """No sample of the steps' time: there are none, or they have other stamps."""
+        if self._stamp is not None and abs(self._stamp - now) > AHEAD_NS:
+            off = (self._stamp - now) / 1e9
+            if self._window is not None and abs(self._window[0] - self._stamp) <= 2 * RATE_NS:
+                return _offset(off, 0.0)
+        return Complaint(
+            "gyro_silent", f"no sample for {silent_ns / 1e9:.1f} s of the wheels' time"
+        )
+
+
+def _offset(seconds: float, sigma: float) -> Complaint:
+    milliseconds = f"{seconds * 1e3:+.0f}"
+    return Complaint(
+        "gyro_time_offset",
+        f"stamps {milliseconds} ms off, ± {sigma * 1e3:.0f} ms",
+        {"offset_s": round(seconds, 4), "sigma_s": round(sigma, 4)},
+        {"offset": milliseconds},
+    )

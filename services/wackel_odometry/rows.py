@@ -1,0 +1,178 @@
+"""What wheels and gyros measure of the twist in one step, and how well.
+
+Each wheel gives a slide row and a roll row (:mod:`wackel_kinematics.drive`), each gyro one row.
+An error has two parts. The white one is new in every step. The systematic one, from radii and
+directions that are not quite as configured, stays for as long as the robot moves in the same way;
+the filter, which takes all errors for white, must count it as one sample in that time.
+"""
+
+import math
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from wackel_drive.alignment import Step
+from wackel_drive.layout import Layout
+from wackel_kinematics.array import Bools, Floats
+from wackel_kinematics.planar import velocity_at
+from wackel_node.config_drive import DriveConfig, GyroConfig
+from wackel_odometry.filter import FIRST_BIAS, OMEGA, TWIST
+from wackel_schemas import component
+
+SAME_MOTION_S = 1.0
+"""For how long a robot moves in the same way: time in which systematic errors count once."""
+CREEP = 0.002
+"""m/s by which a wheel may creep sideways, whatever its speed."""
+TURNING_LAG_S = 0.001
+"""Time between the readings of drive and steering within one answer to a sync read."""
+SLIPPING = 0.05
+"""Share of speed by which wheels slip that must follow a faulty actuator: on the paper's circle,
+the others fall to 0.91 and 0.93 when one is blocked."""
+
+
+@dataclass(frozen=True)
+class Measurements:
+    """All rows of a step; those without a value are NaN. Slide rows, roll rows, gyros.
+
+    Attributes:
+        z: Values, m/s and rad/s, shape (m,).
+        h: Rows on the state, shape (m, 6 + g).
+        white: Variance of the white errors, shape (m,).
+        systematic: Variance of the systematic errors, shape (m,).
+    """
+
+    z: Floats
+    h: Floats
+    white: Floats
+    systematic: Floats
+
+    def present(self) -> Bools:
+        """Which have a value, shape (m,)."""
+        finite: Bools = np.isfinite(self.z) & np.isfinite(self.h[:, 3]) & np.isfinite(self.white)
+        return finite
+
+
+class Rows:
+    """The measurement model of a drive with its gyros.
+
+    Attributes:
+        names: Of the rows, as in messages.
+        wheels: Number of rows of the wheels; those of the gyros follow.
+        slide_of, roll_of: Number of each wheel's slide and roll row, -1 for none, shape (n,).
+    """
+
+    def __init__(
+        self, layout: Layout, config: DriveConfig, gyros: Mapping[str, GyroConfig]
+    ) -> None:
+        drive = self._drive = layout.drive
+        slides, rolls = drive.slide_wheels.tolist(), drive.roll_wheels.tolist()
+        self.names = (
+            *(f"wheel/{layout.names[i]}/slide" for i in slides),
+            *(f"wheel/{layout.names[i]}/roll" for i in rolls),
+            *(component.gyro(name) for name in gyros),
+        )
+        self.wheels = len(slides) + len(rolls)
+        self.slide_of = np.full(drive.n, -1)
+        self.roll_of = np.full(drive.n, -1)
+        self.slide_of[slides] = np.arange(len(slides))
+        self.roll_of[rolls] = np.arange(len(rolls)) + len(slides)
+        self._by_component = {
+            **{component.gyro(name): [self.wheels + i] for i, name in enumerate(gyros)},
+            **{
+                component.wheel_drive(name): _rows(self.roll_of[i])
+                for i, name in enumerate(layout.names)
+            },
+            **{
+                component.wheel_steering(name): _rows(self.slide_of[i], self.roll_of[i])
+                for i, name in enumerate(layout.names)
+            },
+        }
+        self._to_beta = math.pi / 2 - drive.alpha
+        self._slides = len(slides)
+        self._gyros = slice(self.wheels, None)
+        settings = list(gyros.values())
+        density = np.array([each.noise_density for each in settings])
+        # The difference of two positions, each off by up to half an encoder step.
+        quantum = drive.roll_radius * config.encoder_step / math.sqrt(6)
+        none, no_gyro = np.zeros(self.wheels), np.zeros(len(settings))
+        self._white = np.concatenate(
+            [np.full(len(slides), CREEP**2), no_gyro, np.zeros(len(rolls))]
+        )
+        self._white_rate = np.concatenate([none, density**2])  # over dt
+        self._white_step = np.concatenate([np.zeros(len(slides)), quantum**2, no_gyro])  # over dt²
+        self._share = np.concatenate(
+            [
+                np.full(len(slides), config.steering_error),
+                np.full(len(rolls), config.radius_error),
+                [each.scale_error for each in settings],
+            ]
+        )
+        self._slipping_share = self._share.copy()
+        np.maximum(self._share[: self.wheels], SLIPPING, out=self._slipping_share[: self.wheels])
+        self._lagging = drive.steers[slides]
+        # Where the slide row of a wheel finds its rolling speed; -1 where it has none.
+        self._speed_row = self.roll_of[slides]
+        self._all_roll = bool((self._speed_row >= 0).all())
+        count = len(self.names)
+        self._h = np.zeros((count, FIRST_BIAS + len(gyros)))
+        for i in range(len(gyros)):
+            self._h[self.wheels + i, [OMEGA, FIRST_BIAS + i]] = 1.0
+
+    def of_component(self, path: str) -> list[int] | None:
+        """Rows that a component spoils; ``None`` if there is no such component."""
+        return self._by_component.get(path)
+
+    def measure(self, step: Step, twist: Floats, slipping: bool) -> Measurements:
+        """The rows of a step.
+
+        Args:
+            step: What the sensors said.
+            twist: As last estimated, for the speed of wheels that measure none.
+            slipping: Whether an actuator is faulty, so that the robot slips.
+        """
+        drive, dt, slides = self._drive, step.seconds, self._slides
+        h = self._h.copy()
+        h[: self.wheels, TWIST] = drive.rows(step.heading + self._to_beta)
+        z = np.zeros(len(h))
+        np.multiply(
+            drive.roll_radius, step.wheel_rate[drive.roll_wheels], out=z[slides : self.wheels]
+        )
+        z[self._gyros] = step.gyro_rate
+        size = np.abs(z)
+        speed = size[self._speed_row]
+        if not (self._all_roll and np.isfinite(speed).all()):
+            contact = velocity_at(twist, drive.xy[drive.slide_wheels])
+            known = (self._speed_row >= 0) & np.isfinite(speed)
+            speed = np.where(known, speed, np.hypot(contact[:, 0], contact[:, 1]))
+        size[:slides] = speed
+        white = self._white + self._white_rate / dt + self._white_step / dt**2
+        lag = np.where(self._lagging, step.steered[drive.slide_wheels], 0.0) * (TURNING_LAG_S / dt)
+        white[:slides] += (speed * lag) ** 2
+        share = self._slipping_share if slipping else self._share
+        return Measurements(z, h, white, (share * size) ** 2)
+
+    def slip(self, measurements: Measurements, twist: Floats) -> list[tuple[float, float]]:
+        """(along, across) of each wheel in m/s at a twist; NaN where it is not known."""
+        seen = measurements.h[: self.wheels, TWIST] @ twist
+        off = measurements.z[: self.wheels] - seen
+        padded = np.append(off, np.nan)  # row -1
+        along, across = padded[self.roll_of], -padded[self.slide_of]
+        return list(zip(along.tolist(), across.tolist(), strict=True))
+
+
+def counted_once(measurements: Measurements, seconds: float) -> Floats:
+    """Variance that makes systematic errors count once in :data:`SAME_MOTION_S`, shape (m,)."""
+    return measurements.white + measurements.systematic * max(SAME_MOTION_S / seconds, 1.0)
+
+
+def _rows(*numbers: int) -> list[int]:
+    return [int(number) for number in numbers if number >= 0]
+
+
+def blocked(rows: Rows, components: Collection[str]) -> Bools:
+    """Which rows components spoil, shape (m,)."""
+    mask = np.zeros(len(rows.names), dtype=np.bool_)
+    for path in components:
+        mask[rows.of_component(path) or []] = True
+    return mask

@@ -1,0 +1,67 @@
+"""Wires topics to the core."""
+
+from collections.abc import Iterable
+
+from msgspec.structs import replace
+
+from wackel_node.config import RobotConfig
+from wackel_node.config_drive import DriveConfig
+from wackel_node.log import logger
+from wackel_node.node import Node
+from wackel_odometry.core import Odometer
+from wackel_schemas import keys
+from wackel_schemas.bus import BusState
+from wackel_schemas.drive import (
+    Exclusions,
+    ImuSample,
+    Odometry,
+    OdometryReply,
+    OdometryRequest,
+)
+from wackel_schemas.fault import FaultReport
+from wackel_schemas.message import Message
+
+REPEAT_S = 1.0
+"""Active faults are told again so often, for those who came later."""
+
+
+def run(config: RobotConfig, drive: DriveConfig) -> None:
+    """Runs the service until a signal ends it."""
+    with Node("odometry", "main", config) as node:
+        core = Odometer(drive, config.gyros)
+        odometry = node.publisher(keys.ODOMETRY)
+        faults = node.publisher(keys.FAULT, source="odometry")
+
+        def publish(messages: Iterable[Message]) -> None:
+            for message in messages:
+                if isinstance(message, Odometry):
+                    odometry.put(message)
+                elif isinstance(message, FaultReport):
+                    logger.info("%s: %s", message.status, message.message)
+                    faults.put(message)
+
+        def repeat() -> None:
+            for report in core.active():
+                faults.put(replace(report, repeated=True))
+
+        def on_state(key: str, state: BusState) -> None:
+            publish(core.bus_state(keys.chunk_of(keys.STATE, key, "bus"), state))
+
+        def on_imu(key: str, sample: ImuSample) -> None:
+            publish(core.imu(keys.chunk_of(keys.IMU, key, "name"), sample))
+
+        def on_exclusions(_: str, message: Exclusions) -> None:
+            core.exclusions(message)
+
+        def on_request(request: OdometryRequest) -> OdometryReply:
+            return core.request(request, node.clock.now_ns())
+
+        for bus in sorted({bus for wheel in drive.wheels for bus, _ in wheel.servos()}):
+            node.subscribe(keys.STATE, on_state, bus=bus)
+        for name in config.gyros:
+            node.subscribe(keys.IMU, on_imu, name=name)
+        node.subscribe(keys.EXCLUSIONS, on_exclusions)
+        node.serve(keys.ODOMETRY_REQUEST, on_request)
+        node.every(REPEAT_S, repeat)
+        node.ready()
+        node.run()

@@ -1,0 +1,91 @@
+"""How much the gyro's stamps are off those of the wheels, from how their yaw rates differ.
+
+A gyro whose stamps are late by d shows ω(t − d) ≈ ω − d ω̇: its difference from the wheels, with
+scale k and bias b, is k ω + b − d ω̇. The three are found by least squares with forgetting.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+BLOCK_S = 0.05
+"""Mean yaw rates over blocks of this length: an encoder step of a single cycle would drown ω̇."""
+MEMORY_S = 30.0
+"""Some turns to the left and to the right."""
+EXCITATION = 1.0
+"""Σ ω̇² dt in rad²/s³ from which on the offset can be told: two turns within MEMORY_S that start
+or stop with 1 rad/s within half a second."""
+LEAST_SIGMA_S = 0.002
+"""What wheels that slip a little in every turn amount to."""
+_DEFINITE = np.eye(3) * 1e-9  # a robot that only ever turned at one rate leaves k and b open
+
+
+class Offset(NamedTuple):
+    """By how much the gyro's stamps are late, s, and its standard deviation."""
+
+    seconds: float
+    sigma: float
+
+
+class _Block(NamedTuple):
+    seconds: float
+    wheels: float  # rad turned
+    gyro: float
+
+
+class TimeOffset:
+    """Estimates it for one gyro."""
+
+    def __init__(self) -> None:
+        self._open = _Block(0.0, 0.0, 0.0)
+        self._blocks: list[_Block] = []
+        self._normal = np.zeros((3, 3))
+        self._right = np.zeros(3)
+        self._square = 0.0
+        self._count = 0.0
+
+    def add(self, seconds: float, wheels: float, gyro: float) -> None:
+        """Mean yaw rates of a step, rad/s; not a number where one is not known."""
+        if not (math.isfinite(wheels) and math.isfinite(gyro)):
+            self._open = _Block(0.0, 0.0, 0.0)
+            self._blocks.clear()
+            return
+        now = self._open
+        self._open = _Block(
+            now.seconds + seconds, now.wheels + wheels * seconds, now.gyro + gyro * seconds
+        )
+        if self._open.seconds < BLOCK_S:
+            return
+        self._blocks.append(self._open)
+        self._open = _Block(0.0, 0.0, 0.0)
+        if len(self._blocks) == 3:
+            self._learn(*self._blocks)
+            del self._blocks[0]
+
+    def estimate(self) -> Offset | None:
+        """The offset; ``None`` as long as the robot has not turned enough to tell."""
+        if self._normal[0, 0] < EXCITATION:
+            return None
+        inverse = np.linalg.inv(self._normal + _DEFINITE)
+        solution = inverse @ self._right
+        residual = max(self._square - float(solution @ self._right), 0.0)
+        # Normal equations are weighted by time; the residual's variance is per second, too.
+        variance = residual / max(self._count - 3.0, 1.0) * inverse[0, 0]
+        return Offset(-float(solution[0]), max(math.sqrt(max(variance, 0.0)), LEAST_SIGMA_S))
+
+    def _learn(self, before: _Block, block: _Block, after: _Block) -> None:
+        """Takes in the middle one of three blocks, with ω̇ from its neighbours.
+
+        Taking ω̇ from the same block would set its noise against itself.
+        """
+        apart = before.seconds / 2 + block.seconds + after.seconds / 2
+        omega = block.wheels / block.seconds
+        rate = (after.wheels / after.seconds - before.wheels / before.seconds) / apart
+        off = block.gyro / block.seconds - omega
+        row = np.array([rate, omega, 1.0])
+        fade = math.exp(-block.seconds / MEMORY_S)
+        self._normal = fade * self._normal + np.outer(row, row) * block.seconds
+        self._right = fade * self._right + row * (off * block.seconds)
+        self._square = fade * self._square + off**2 * block.seconds
+        self._count = fade * self._count + 1.0
