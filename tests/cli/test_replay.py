@@ -98,7 +98,7 @@ def test_for_people_a_fault_is_a_line(
     output = capsys.readouterr()
     line = next(line for line in output.out.splitlines() if "active  cable_break" in line)
     assert "The cable between servo 3 and servo 4 on bus main is disconnected" in line
-    assert float(line.split()[0]) == pytest.approx(1.0, abs=0.3)
+    assert 1.0 <= float(line.split()[0]) < 2.0
     assert " times real time" in output.err
 
 
