@@ -10,17 +10,21 @@ from wackel_node.config import BusConfig
 from wackel_protocols.dynamixel2.answers import reader
 from wackel_virtual.bus import VirtualBus
 
-_HOST_NS = 100_000  # between the end of one transaction and the beginning of the next
+_HOST_NS = 100_000
 
 
 class Simulation:
-    """A master and its bus; use :meth:`run` to let time pass."""
+    """A master and its bus; use :meth:`run` to let time pass.
 
-    def __init__(self, config: BusConfig, bus: VirtualBus) -> None:
+    ``host_ns`` is what the host takes from the end of a transaction to the beginning of the next.
+    """
+
+    def __init__(self, config: BusConfig, bus: VirtualBus, host_ns: int = _HOST_NS) -> None:
         self.config = config
         self.bus = bus
         self.roster = Roster(config.servos)
         self.now_ns = 0
+        self._host_ns = host_ns
         self.schedule = Schedule(
             self.roster, config.rate, fast=config.fast_sync_read, now_ns=self.now_ns
         )
@@ -35,7 +39,7 @@ class Simulation:
                 self.now_ns = max(self.schedule.due_ns, self.now_ns + 1)
                 continue
             outcome = self._exchange(job)
-            self.now_ns = outcome.ended_ns + _HOST_NS
+            self.now_ns = outcome.ended_ns + self._host_ns
             self.schedule.done(job, outcome.answers, outcome.begin_ns, outcome.ended_ns)
             self.schedule.heard(outcome.answers)
             yield job, outcome

@@ -1,0 +1,101 @@
+"""How long after the wire has shown a fault health tells it, on a whole live robot.
+
+Time runs from the end of the transaction that decided (the evidence), so what a diagnosis has to
+wait for is not counted, until a program that reads ``health`` has the message that first tells the
+fault. An unplugged adapter has no deciding transaction: there it runs from the moment at which the
+virtual bus pulled it.
+"""
+
+import tempfile
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median, quantiles
+
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from tests.bench.result import Figure, table
+from tests.bench.robot import SERVOS, config
+from tests.robot import Robot, fault, running
+from wackel_schemas import component
+from wackel_schemas.health import FaultRecord
+
+
+@dataclass
+class _Kind:
+    """A fault that shows at once.
+
+    Attributes:
+        kind: As the virtual bus calls it.
+        at_servo: Whether it concerns one servo, another one each time.
+        code: As health calls it.
+        took_ms: What was measured.
+    """
+
+    kind: str
+    at_servo: bool
+    code: str
+    took_ms: list[float] = field(default_factory=list)
+
+
+def run(*, quick: bool = False) -> Table:
+    """Injects and heals faults of several kinds in turn."""
+    kinds = [
+        _Kind("overload", True, "overload"),
+        _Kind("rhythmic_jammer", False, "rhythmic_jammer"),
+        _Kind("silent", True, "servo_silent"),
+        _Kind("unplugged", False, "adapter_unplugged"),
+    ]
+    rounds = 5 if quick else 30
+    with tempfile.TemporaryDirectory() as name:
+        directory = Path(name)
+        with running(config(directory), directory) as robot:
+            robot.wait(robot.ready)
+            console = Console(stderr=True)
+            for number in track(range(rounds), "latency", console=console, transient=True):
+                for kind in kinds:
+                    servo = 1 + number % (SERVOS - 1) if kind.at_servo else None
+                    kind.took_ms.append(_took_ms(robot, kind, servo))
+    figures = [
+        Figure(f"{kind.code}: {what}", value, "ms")
+        for kind in kinds
+        for what, value in (("p50", median(kind.took_ms)), ("worst", max(kind.took_ms)))
+    ]
+    every = [took for kind in kinds for took in kind.took_ms]
+    figures += [
+        Figure("all: p50", median(every), "ms", None, 2.0),
+        Figure("all: p99", quantiles(every, n=100, method="inclusive")[98], "ms", None, 10.0),
+    ]
+    return table(f"Latency: from the wire to health, {len(every)} faults", figures)
+
+
+def _took_ms(robot: Robot, kind: _Kind, servo: int | None) -> float:
+    """Injects a fault, measures, heals it and waits until all is well."""
+    if kind.kind == "unplugged":
+        place = component.adapter("main")
+    else:
+        place = component.bus("main") if servo is None else component.servo("main", servo)
+    known = len(robot.heard)
+    begin_ns = robot.inject(kind.kind, servo)
+    found: list[tuple[int, FaultRecord]] = []
+
+    def told() -> bool:
+        for at_ns, health in robot.heard[known:]:
+            record = fault(health, kind.code, place)
+            if record is not None and record.status in ("pending", "confirmed"):
+                found.append((at_ns, record))
+                return True
+        return False
+
+    robot.wait(told)
+    at_ns, record = found[0]
+    assert record.evidence is not None
+    decided = record.evidence.transaction
+    if decided is not None:
+        begin_ns = decided.stamp + decided.ended_ns
+    robot.heal()
+    if kind.kind == "overload" and servo is not None:
+        robot.reboot(servo)
+    robot.wait(robot.ready)
+    return (at_ns - begin_ns) / 1e6

@@ -1,0 +1,69 @@
+"""What a whole robot costs its computer: 20 servos at 200 Hz, every service of ``wackel up``.
+
+The virtual bus, which stands for the servos, is not counted; ``up`` itself, which holds the
+rendezvous, is. One core of CPU is 100 %; memory is the proportional set size.
+"""
+
+import tempfile
+import time
+from pathlib import Path
+from statistics import median
+
+from rich.table import Table
+
+from tests.bench.processes import cpu_ns, pss_bytes
+from tests.bench.result import Figure, table
+from tests.robot import Robot, chain, running
+from wackel_node.config import RobotConfig
+from wackel_schemas import keys
+from wackel_schemas.bus import BusStatistics
+
+SERVOS = 20
+RATE_HZ = 200.0
+_SETTLE_S = 3.0
+
+
+def config(directory: Path) -> RobotConfig:
+    """The robot of the budgets; 3 Mbit/s, since 1 Mbit/s does not carry its plain sync reads."""
+    return chain(directory, SERVOS, rate=RATE_HZ, baud_rate=3_000_000, return_delay_us=0)
+
+
+def run(*, quick: bool = False) -> Table:
+    """Measures a healthy robot."""
+    seconds = 5.0 if quick else 30.0
+    with tempfile.TemporaryDirectory() as name:
+        directory = Path(name)
+        with running(config(directory), directory) as robot:
+            robot.wait(robot.ready)
+            _listen(robot, _SETTLE_S)
+            pids = {"up": robot.up.pid, **robot.pids()}
+            del pids["virtual/main"]
+            begin = {name: cpu_ns(pid) for name, pid in pids.items()}
+            begin_s = time.monotonic()
+            rate_hz = median(_listen(robot, seconds))
+            took_ns = (time.monotonic() - begin_s) * 1e9
+            shares = {n: 100 * (cpu_ns(pid) - begin[n]) / took_ns for n, pid in pids.items()}
+            memory = {name: pss_bytes(pid) / 2**20 for name, pid in pids.items()}
+    return table(
+        f"Whole robot: {SERVOS} servos, {rate_hz:.0f} cycles/s, {seconds:g} s",
+        [
+            *(Figure(f"CPU: {name}", share, "% of a core") for name, share in shares.items()),
+            Figure("CPU: all", sum(shares.values()), "% of a core", None, 25.0),
+            *(Figure(f"memory: {name}", mebi, "MiB") for name, mebi in memory.items()),
+            Figure("memory: all", sum(memory.values()), "MiB", None, 350.0),
+        ],
+    )
+
+
+def _listen(robot: Robot, seconds: float) -> list[float]:
+    """Cycle rates that the gateway tells meanwhile, Hz."""
+    rates: list[float] = []
+
+    def take(_: str, message: BusStatistics) -> None:
+        rates.append(message.cycle_rate)
+
+    robot.link.subscribe(keys.STATISTICS, take)
+    limit = time.monotonic() + seconds
+    while time.monotonic() < limit:
+        robot.link.pump(limit - time.monotonic())
+    return rates
