@@ -8,8 +8,9 @@ from wackel_protocols.dynamixel2.errors import ERROR_NUMBERS, hardware_errors
 from wackel_protocols.dynamixel2.packet import ALERT
 from wackel_protocols.dynamixel2.tables import Series
 
-DECODE_NS = 300_000_000
-"""How long to wait for Hardware Error Status to be read before an alert is reported without it."""
+DECODE_NS = 1_200_000_000
+"""How long to wait for Hardware Error Status before an alert is reported without it: a gateway
+reads it at once if the bus has time, else with the slow registers once a second."""
 CRC_ERROR = 3
 """Error number of a servo that got a damaged instruction: loss, not a refusal."""
 REFUSED_NS = 5_000_000_000

@@ -206,7 +206,7 @@ class BusClassifier:
                 self._losses.recovered(position, stamp, passing=False)
                 if position in self._missed:
                     self._timing.late_answer(position, stamp)
-            elif self._chain.ids:
+            elif self._chain.ids and not (position is not None and self._incomplete):
                 self._strangers.servo(status.id, now_ns, stamp)
         if any(isinstance(s.packet, InstructionPacket) for s in answers.segments or ()):
             self._strangers.master(now_ns, stamp)
@@ -329,6 +329,9 @@ def _event(position: int, place: int, symptoms: Symptoms) -> Event:
             mark = Mark.TORN
     run = None
     if place + 1 < len(outcomes):
-        run = outcomes[place + 1] is not Outcome.ANSWERED
+        behind = outcomes[place + 1]
+        # Behind one that was lost others have spoken, also where that cannot be checked.
+        lost = outcomes[place] is Outcome.LOST
+        run = behind is Outcome.LOST if lost else behind is not Outcome.ANSWERED
     alone = len(outcomes) == 1
     return Event(position, mark, run, alone, not alone and Outcome.ANSWERED not in outcomes)

@@ -21,6 +21,10 @@ _ALSO = {
     "permanent_jammer": frozenset(("loose_contact",)),
     "rhythmic_jammer": frozenset(("stray_data",)),
     "host_lag": frozenset(("slow_servo", "latency_timer")),
+    # Answers that the adapter delivers when the host no longer waits look like any of these.
+    "latency_timer": frozenset(
+        ("stray_data", "packet_loss", "loose_contact", "noise", "unexpected_servo")
+    ),
     "low_supply": frozenset(("undervoltage",)),
     "lost_signal": frozenset(("stray_data", "packet_loss")),
     "packet_loss": frozenset(("stray_data",)),  # two losses in one answer leave half packets

@@ -18,18 +18,21 @@ from wackel_schemas import component
 COUNTED_IN_ROW = 2
 """Failures in a row of one servo that count: more of them are the same disturbance, not more."""
 SPARKS = 2
-"""Failures with bytes of nobody that convict a contact at once: neither loss nor noise makes bytes,
-and one discharge may come from outside."""
-STRAYS = 2
-"""Transactions with bytes of nobody that are told, for the same reason."""
+"""Transactions with bytes of nobody that are told, and that together with as many failures convict
+a contact at once: neither loss nor noise makes bytes, but one discharge may come from outside."""
 STRAY_NS = 5_000_000_000
 """How long stray bytes are told after the last of them."""
 RECONNECTS = 2
-"""So often a cable must break and come back within three windows to be loose."""
+RECONNECTS_ALL = 3
+"""So often a connection must be interrupted and come back within three windows to be loose; more
+often where all servos are concerned, since somebody may switch the supply off and on."""
 LIKELY = 0.9
 """Probability that a verdict needs without a statistical test."""
 SURE = 0.95
 """Probability that another verdict needs to replace one that has been told."""
+RETURNS = 6
+"""A disconnection is one lump of failures, a moving cable may make many in one movement: what was
+lost and was back so often is loose, however close together (each time counts at most twice)."""
 MOST_EVENTS = 2000
 """Events kept; a window of 10 s in which every second answer of a fast bus fails has no more that
 tell anything new."""
@@ -39,9 +42,9 @@ _DAMAGED = math.log(0.9 / 0.5)
 _LOST = math.log(0.1 / 0.5)
 """What one failure says for damage against loss: noise damages nine of ten and loses the rest; a
 bad line that loses answers damages about half of them."""
-NAME_ODDS = math.log(10)
-RENAME_ODDS = math.log(100)
-"""Logarithm of the odds at which one of both names is used, and at which the other replaces it."""
+DAMAGE_ODDS = math.log(100)
+LOSS_ODDS = math.log(10)
+"""Logarithms of the odds at which each name is used; damage is the narrower one."""
 NAME_EVENTS = 30
 """With so many failures the likelier name is used whatever the odds."""
 
@@ -65,10 +68,10 @@ class Losses:
         limit = threshold(updates, limits.false_alarms_per_hour)
         self._tests = [LossTest(self._ordinary, limit) for _ in range(size + 1)]  # last: all
         self._slot = 0
-        self._trials = [0] * size
+        self._successes = [0] * size
         self._failures = [0] * size
         self._history: deque[tuple[list[int], list[int]]] = deque()
-        self._window_trials = [0] * size
+        self._window_successes = [0] * size
         self._window_failures = [0] * size
         self._pending: list[list[Event]] = [[] for _ in range(size)]
         self._events: deque[tuple[int, Event]] = deque()
@@ -80,7 +83,7 @@ class Losses:
         self._judged = True
         self._code: str | None = None  # what failures of a servo or of the bus are called
         self._told = False  # whether the verdict has become a finding
-        self._strays: deque[int] = deque(maxlen=STRAYS)
+        self._strays: deque[int] = deque(maxlen=SPARKS)
         self._reconnects: deque[tuple[int, int]] = deque(maxlen=16)
         self._since = 0
         self._stray_since = 0
@@ -88,9 +91,11 @@ class Losses:
     @property
     def share(self) -> float:
         """Share of answers that this bus loses at present; at least what is ordinary."""
-        trials = sum(self._window_trials) + sum(self._trials)
         failures = sum(self._window_failures) + sum(self._failures)
-        return max(self._ordinary, wilson(failures, trials)[1] if failures else 0.0)
+        if not failures:
+            return self._ordinary
+        answers = failures + sum(self._window_successes) + sum(self._successes)
+        return max(self._ordinary, wilson(failures, answers)[1])
 
     @property
     def suspicious(self) -> bool:
@@ -99,10 +104,10 @@ class Losses:
 
     def succeeded(self, position: int, count: int = 1) -> None:
         """A servo has answered so many requests."""
-        self._trials[position] += count
+        self._successes[position] += count
 
     def failed(self, event: Event, stamp: int, *, spoken: bool) -> None:
-        """A servo has not answered, or not intact; ``spoken``: it has certainly tried to."""
+        """A servo has not answered, or not intact; ``spoken``: it has certainly succeeded to."""
         if spoken:
             self._commit(event, stamp)
             return
@@ -135,23 +140,23 @@ class Losses:
         """What was counted has another cause: a jammer destroys answers at random."""
         for pending in self._pending:
             pending.clear()
-        self._trials = [0] * len(self._chain)
+        self._successes = [0] * len(self._chain)
         self._failures = [0] * len(self._chain)
 
     def end_slot(self) -> None:
         """The current sample of the thesis's window is over."""
-        trials, failures = self._trials, self._failures
-        if any(trials) or any(failures):
-            for test, failed, tried in zip(self._tests, failures, trials, strict=False):
-                if tried or failed:
-                    test.add(failed, tried)
-            self._tests[-1].add(sum(failures), sum(trials))
-        self._history.append((trials, failures))
-        self._add(trials, failures, 1)
+        successes, failures = self._successes, self._failures
+        if any(successes) or any(failures):
+            for test, failed, succeeded in zip(self._tests, failures, successes, strict=False):
+                if succeeded or failed:
+                    test.add(failed, succeeded)
+            self._tests[-1].add(sum(failures), sum(successes))
+        self._history.append((successes, failures))
+        self._add(successes, failures, 1)
         if len(self._history) > self._samples:
             self._add(*self._history.popleft(), -1)
-        self._trials = [0] * len(trials)
-        self._failures = [0] * len(trials)
+        self._successes = [0] * len(successes)
+        self._failures = [0] * len(successes)
         self._slot += 1
         self._forget()
 
@@ -165,7 +170,7 @@ class Losses:
             findings += explained
         while self._strays and now_ns - self._strays[-1] > STRAY_NS:
             self._strays.clear()
-        if len(self._strays) == STRAYS:
+        if len(self._strays) == SPARKS:
             findings.append(
                 Finding(
                     "stray_data",
@@ -198,9 +203,9 @@ class Losses:
         self._sparks -= event.mark is Mark.SPARK
         self._judged = False
 
-    def _add(self, trials: list[int], failures: list[int], sign: int) -> None:
-        for position, (tried, failed) in enumerate(zip(trials, failures, strict=True)):
-            self._window_trials[position] += sign * tried
+    def _add(self, successes: list[int], failures: list[int], sign: int) -> None:
+        for position, (succeeded, failed) in enumerate(zip(successes, failures, strict=True)):
+            self._window_successes[position] += sign * succeeded
             self._window_failures[position] += sign * failed
 
     def _forget(self) -> None:
@@ -216,8 +221,10 @@ class Losses:
             if test.alarmed:
                 whole = position == len(self._chain)
                 failures = len(self._events) if whole else self._window_failures[position]
-                trials = sum(self._window_trials) if whole else self._window_trials[position]
-                expected = self._ordinary * trials
+                successes = (
+                    sum(self._window_successes) if whole else self._window_successes[position]
+                )
+                expected = self._ordinary * successes
                 if failures <= expected + 2 * math.sqrt(expected) + 1:
                     test.reset()
 
@@ -227,21 +234,23 @@ class Losses:
         if not places:
             return None
         position, count = places.most_common(1)[0]
-        if count < RECONNECTS:
+        if count < (RECONNECTS if position else RECONNECTS_ALL):
             return None
         summary = f"the connection was gone and came back {count} times"
-        return self._loose(position, 0.9, [], summary, {"reconnects": count})
+        last = position == len(self._chain) - 1
+        suspects = [self._chain.servo(position)] if last else []
+        return self._loose(position, 0.9, suspects, summary, {"reconnects": count})
 
     def _explain(self) -> list[Finding]:
         alarmed = any(test.alarmed for test in self._tests)
-        sparks = self._sparks + len(self._strays) if self._events else 0
+        sparks = len(self._strays) if len(self._events) >= SPARKS else 0
         sparking = sparks >= (1 if self._contact else SPARKS)
         if not (alarmed or sparking):
             self._contact = self._told = False
             self._code = None
             return []
         if not self._judged:
-            ordinary = self._ordinary * sum(self._window_trials) / max(1, len(self._events))
+            ordinary = self._ordinary * sum(self._window_successes) / max(1, len(self._events))
             self._verdict = self._settled(judge(self._counts, len(self._chain), ordinary))
             self._judged = True
         verdict = self._verdict
@@ -271,8 +280,9 @@ class Losses:
     def _intermittent(self, verdict: Verdict) -> list[Finding]:
         window, limits = self._windows[verdict.position], self._limits
         spread = window.evenness
-        by_time = limits.rate_low <= window.rate <= limits.rate_high and spread >= limits.evenness
-        sparking = self._sparks + len(self._strays) >= SPARKS
+        even = spread >= limits.evenness or self._returned(verdict.position) >= RETURNS
+        by_time = limits.rate_low <= window.rate <= limits.rate_high and even
+        sparking = len(self._strays) >= SPARKS
         if not (by_time or self._contact or (sparking and verdict.confidence >= LIKELY)):
             return []
         self._contact = True
@@ -294,6 +304,10 @@ class Losses:
         if verdict.second is not None:
             found.append(self._loose(verdict.second, verdict.confidence, [], summary, values))
         return found
+
+    def _returned(self, position: int) -> int:
+        """How often a servo has been missed and was back afterwards."""
+        return sum(count for event, count in self._counts.items() if event.position == position)
 
     def _loose(
         self,
@@ -317,7 +331,7 @@ class Losses:
 
     def _of_servo(self, verdict: Verdict) -> Finding | None:
         position = verdict.position
-        failures, trials = self._window_failures[position], self._window_trials[position]
+        failures, successes = self._window_failures[position], self._window_successes[position]
         code = self._name_of("crc_errors")
         if code is None:
             return None
@@ -326,13 +340,13 @@ class Losses:
             self._chain.servo(position),
             verdict.confidence,
             self._since,
-            self._rate(failures, trials),
-            self._rates(failures, trials),
+            self._rate(failures, successes),
+            self._rates(failures, successes),
             self._named(verdict.others),
         )
 
     def _of_bus(self, verdict: Verdict) -> Finding | None:
-        failures, trials = sum(self._window_failures), sum(self._window_trials)
+        failures, successes = sum(self._window_failures), sum(self._window_successes)
         code = self._name_of("noise")
         if code is None:
             return None
@@ -341,8 +355,8 @@ class Losses:
             component.bus(self._chain.bus),
             verdict.confidence,
             self._since,
-            self._rate(failures, trials) + ", of all servos alike",
-            self._rates(failures, trials),
+            self._rate(failures, successes) + ", of all servos alike",
+            self._rates(failures, successes),
             self._named(verdict.others),
         )
 
@@ -353,32 +367,31 @@ class Losses:
             # Silence of all behind it may be the instruction's loss; it says nothing.
             if event.mark is Mark.DAMAGED:
                 odds += count * _DAMAGED
-            elif event.run is False or event.alone:
+            elif not event.run:
                 odds += count * _LOST
             else:
                 continue
             told += count
-        needed = RENAME_ODDS if self._code else 0.0 if told >= NAME_EVENTS else NAME_ODDS
-        if self._code is None or abs(odds) >= needed:
-            if abs(odds) < needed:
-                return None
-            self._code = damage if odds > 0 else "packet_loss"
-        elif self._code != "packet_loss":
+        if odds >= DAMAGE_ODDS or (told >= NAME_EVENTS and odds > 0 and self._code is None):
             self._code = damage
+        elif odds <= -LOSS_ODDS or (told >= NAME_EVENTS and self._code is None):
+            self._code = "packet_loss"
+        elif self._code not in (None, "packet_loss"):
+            self._code = damage  # of a servo before, of the bus now
         return self._code
 
-    def _rate(self, failures: int, trials: int) -> str:
-        low, high = wilson(failures, failures + trials)
+    def _rate(self, failures: int, successes: int) -> str:
+        low, high = wilson(failures, failures + successes)
         return (
-            f"{failures} of {failures + trials} answers lost or damaged, which is {low:.2%} to "
+            f"{failures} of {failures + successes} answers lost or damaged, which is {low:.2%} to "
             f"{high:.2%} (95 %); ordinary is {self._ordinary:.2%}"
         )
 
-    def _rates(self, failures: int, trials: int) -> dict[str, float | int | str]:
-        low, high = wilson(failures, failures + trials)
+    def _rates(self, failures: int, successes: int) -> dict[str, float | int | str]:
+        low, high = wilson(failures, failures + successes)
         return {
             "failures": failures,
-            "answers": failures + trials,
+            "answers": failures + successes,
             "rate_low": round(low, 5),
             "rate_high": round(high, 5),
         }

@@ -53,7 +53,8 @@ class Reach:
     """Follows each servo of a chain.
 
     Attributes:
-        reconnected: Position whose cable was broken and has just come back; reset by the reader.
+        reconnected: Position whose cable was interrupted and has just come back; reset by the
+            reader.
     """
 
     reconnected: int | None = None
@@ -86,7 +87,7 @@ class Reach:
             return 0
         if not servo.gone:
             if servo.misses > 1:
-                self._renew(servo.missed_ns)
+                self._renew(position, servo.missed_ns)
             return self._clear(servo)
         if position >= self._cut:
             # The cable is connected again, or never was the cause: all behind it begin anew.
@@ -100,11 +101,24 @@ class Reach:
                 self._clear(servo)
         return 0
 
-    def _renew(self, missed_ns: int) -> None:
+    def _renew(self, back: int, missed_ns: int) -> None:
         """One of those that fell silent at this time is back: the others may be, too."""
-        for servo in self._servos:
-            if servo.misses and not servo.gone and abs(servo.missed_ns - missed_ns) < SAME_NS:
-                self._clear(servo)
+        silent = [
+            place
+            for place, servo in enumerate(self._servos)
+            if servo.misses and not servo.gone and abs(servo.missed_ns - missed_ns) < SAME_NS
+        ]
+        head = silent[0]
+        if sum(self._servos[place].evidence for place in silent) >= CERTAIN and not any(
+            servo.answered_ns > missed_ns
+            for place, servo in enumerate(self._servos)
+            if place >= head and place != back
+        ):
+            # Too many misses to be ordinary, by all from one servo on: an interruption.
+            self.reconnected = head
+        for place in silent:
+            if place != back:
+                self._clear(self._servos[place])
 
     def take_newly_gone(self) -> list[int]:
         """Positions that have become unreachable since this was last asked."""
@@ -156,12 +170,23 @@ class Reach:
                 servo.gone = True
                 self._newly_gone.append(place)
         self._cut = head if cut_off else len(servos)
-        findings = [self._silent(place) for place in range(head) if servos[place].gone]
+        findings = [
+            self._silent(place)
+            for place in range(head)
+            if servos[place].gone and self._is_passed(place)
+        ]
         if cut_off:
             unasked = sum(not servo.misses for servo in behind)
-            if not unasked or now_ns - behind[0].missed_ns >= RESOLVE_NS:
+            # The one before may turn out to be missing, too.
+            open_ends = unasked or (head and servos[head - 1].misses and not servos[head - 1].gone)
+            if not open_ends or now_ns - behind[0].missed_ns >= RESOLVE_NS:
                 findings.append(self._cut_off(head, unasked))
         return findings
+
+    def _is_passed(self, place: int) -> bool:
+        """Whether a servo behind this one has answered since it fell silent."""
+        since = self._servos[place].missed_ns
+        return any(servo.answered_ns > since for servo in self._servos[place + 1 :])
 
     @staticmethod
     def _is_missing(servo: _Servo, now_ns: int) -> bool:

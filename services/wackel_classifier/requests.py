@@ -126,6 +126,8 @@ class Request:
     def has_errors(self, data: bytes) -> bool:
         """Whether any servo sets its error byte in an answer that is clean."""
         # Stuffing moves the bytes, so a longer answer is looked at closely.
+        if not data:
+            return False
         return len(data) != self._total or self._errors(data) != self._no_errors
 
 

@@ -268,7 +268,7 @@ def _judge_fast(
     if tail < len(ids):
         rest = head + sum(lengths[tail:])
         outcomes[tail], in_place = _judge_tail(foreign, head + lengths[tail], rest, ids[tail])
-        for later in range(tail + 1, len(ids) if tail else 0):
+        for later in range(tail + 1, len(ids)):
             if len(foreign) == sum(lengths[later:]) and foreign[1] == ids[later]:
                 # The others have spoken after it; their CRCs cover what was lost.
                 outcomes[tail], in_place = Outcome.LOST, True

@@ -94,6 +94,7 @@ class Timing:
             self._late_since[position] = stamp
         self._late[position] += 1
         self._late_answers[position] += 1
+        self._recent.append((position, SLOWEST_NS + 1))
 
     def register(self, position: int, value: int, stamp: int) -> None:
         """Return Delay Time was read."""
@@ -215,7 +216,7 @@ class Timing:
             self._latency_since = 0
             return None
         self._latency_since = self._latency_since or stamp
-        typical = median(delay for _, delay in recent) / 1e6
+        typical = median(delay for _, delay in recent) / 1e6  # at least, if answers came too late
         return Finding(
             "latency_timer",
             component.adapter(self._chain.bus),

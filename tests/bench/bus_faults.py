@@ -63,6 +63,8 @@ class Kind:
         moving: The servos are given goals all the time.
         least: Servos that it needs.
         power: Where supply may enter.
+        from_trace: The time counts from the first answer that the fault costs: a contact that does
+            not open cannot be found.
     """
 
     name: str
@@ -72,6 +74,7 @@ class Kind:
     moving: bool = False
     least: int = 2
     power: tuple[str, ...] = ("adapter", "far", "both")
+    from_trace: bool = False
 
 
 @dataclass
@@ -240,8 +243,8 @@ KINDS: tuple[Kind, ...] = (
     Kind("cable break", _break),
     Kind("silent servo", _silent),
     Kind("power off", _power_off),
-    Kind("loose contact, scattered", _loose("loose_contact"), 20.0, 10.0),
-    Kind("loose contact, bursts", _loose("loose_contact_bursts"), 20.0, 10.0),
+    Kind("loose contact, scattered", _loose("loose_contact"), 20.0, 10.0, from_trace=True),
+    Kind("loose contact, bursts", _loose("loose_contact_bursts"), 20.0, 10.0, from_trace=True),
     Kind("rhythmic jammer", _jammer("rhythmic_jammer", servo=False)),
     Kind("rhythmic jammer in a servo", _jammer("rhythmic_jammer", servo=True)),
     Kind("permanent jammer", _jammer("permanent_jammer", servo=False)),
@@ -261,7 +264,7 @@ KINDS: tuple[Kind, ...] = (
     Kind("rhythmic jammer + break", _with_break("rhythmic_jammer"), 5.0, power=_NEAR, least=3),
     Kind("permanent jammer + break", _with_break("permanent_jammer"), 8.0, power=_NEAR, least=3),
     Kind("silent servo + break", _silent_and_break, 5.0, power=_NEAR, least=4),
-    Kind("two loose contacts", _two_loose, 20.0, 10.0, least=4),
+    Kind("two loose contacts", _two_loose, 20.0, 10.0, least=4, from_trace=True),
 )
 
 
@@ -306,6 +309,8 @@ def scenario(kind: Kind, seed: str) -> Result:
     for fault in faults:
         rig.inject(fault.kind, fault.servo, fault.value)
     found: dict[str, float] = {}  # by truth: when it was rightly named
+    if kind.from_trace:
+        begin_ns = rig.run_until_missing(kind.limit_s)
 
     def all_found(report: FaultReport) -> bool:
         for fault in faults:

@@ -95,7 +95,8 @@ class Rig:
         goals: Callable[[float], list[ServoGoal]] | None = None,
     ) -> None:
         self.bus = VirtualBus(config, seed, loss=loss)
-        self.classifier = BusClassifier("main", config, limits or ClassifierConfig())
+        self.limits = limits or ClassifierConfig()
+        self.classifier = BusClassifier("main", config, self.limits)
         self.transactions = 0
         self.reports: list[FaultReport] = []
         self._port = VirtualPort(self.bus, config.baud_rate, Random(f"{seed}/host"))
@@ -126,6 +127,16 @@ class Rig:
                 if found(report):
                     return report
         return None
+
+    def run_until_missing(self, seconds: float) -> int:
+        """Goes on until an answer is missing, at most for so long; the stamp of that."""
+        stamp = EPOCH_NS + self._port.now_ns
+        for transaction in self.traffic(seconds):
+            self._take(transaction)
+            stamp = transaction.stamp
+            if len(transaction.response_times) < len(transaction.expected):
+                break
+        return stamp
 
     def active(self) -> list[tuple[str, str]]:
         return [(report.code, report.component) for report in self.classifier.active()]
