@@ -9,7 +9,7 @@ from wackel_gateway.outcome import Outcome
 from wackel_gateway.patience import Patience
 from wackel_gateway.port import Port, PortLost
 from wackel_gateway.reporter import Reporter
-from wackel_gateway.retry import Retry
+from wackel_gateway.retry import keep_open
 from wackel_gateway.roster import Member
 from wackel_gateway.schedule import Job, Schedule, Stage
 from wackel_node.config import BusConfig
@@ -45,16 +45,7 @@ class Poller:
 
     def run(self) -> None:
         """Until the node stops."""
-        retry = Retry(self._node)
-        while not self._node.stopping:
-            try:
-                with Port(self._config.port, self._config.baud_rate) as port:
-                    self._reporter.connected(port.baud_rate, port.latency_timer_ms)
-                    retry.succeeded()
-                    self._poll(port)
-            except PortLost as lost:
-                self._reporter.lost(str(lost))
-                retry.wait()
+        keep_open(self._node, self._config, self._reporter, self._poll)
 
     def _poll(self, port: Port) -> None:
         node, schedule = self._node, self._schedule

@@ -6,7 +6,7 @@ from wackel_gateway.commands import Refused
 from wackel_gateway.patience import Patience
 from wackel_gateway.port import Port, PortLost
 from wackel_gateway.reporter import Reporter
-from wackel_gateway.retry import Retry
+from wackel_gateway.retry import keep_open
 from wackel_gateway.segment import Segmenter
 from wackel_node.config import BusConfig
 from wackel_node.node import Node
@@ -29,16 +29,7 @@ class Tap:
 
     def run(self) -> None:
         """Until the node stops."""
-        retry = Retry(self._node)
-        while not self._node.stopping:
-            try:
-                with Port(self._config.port, self._config.baud_rate) as port:
-                    self._reporter.connected(port.baud_rate, port.latency_timer_ms)
-                    retry.succeeded()
-                    self._listen(port)
-            except PortLost as lost:
-                self._reporter.lost(str(lost))
-                retry.wait()
+        keep_open(self._node, self._config, self._reporter, self._listen)
 
     def _listen(self, port: Port) -> None:
         patience = Patience(port.baud_rate, port.latency_timer_ms)
