@@ -18,6 +18,7 @@ import msgspec
 from rich.table import Table
 
 from tests.bench.buses import BLOCK, IDS, Buses
+from tests.bench.progress import steps
 from tests.bench.result import Figure, table
 from tests.gateway.simulation import Simulation
 from wackel_gateway.port import Port
@@ -41,7 +42,7 @@ def run(*, quick: bool = False) -> list[Table]:
     simulated: list[Figure] = []
     live: list[Figure] = []
     with tempfile.TemporaryDirectory() as directory, Buses(Path(directory), rates) as buses:
-        for name, baud_rate in rates.items():
+        for name, baud_rate in steps(list(rates.items()), "baud rates"):
             config = buses.configs[name]
             for kind, build, fast in _KINDS:
                 instruction = build(IDS, *BLOCK)

@@ -12,10 +12,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
-from rich.console import Console
-from rich.progress import track
 from rich.table import Table
 
+from tests.bench.progress import steps
 from tests.bench.result import Figure, table
 from tests.bench.robot import config
 from tests.robot import Heard, Robot, fault, running, status
@@ -64,8 +63,7 @@ def run(*, quick: bool = False) -> Table:
             victims = [_Victim(name) for name in robot.pids() if name != "virtual/main"]
             robot.inject("silent", _SERVO)
             robot.wait(lambda: robot.confirmed(*_FAULT))
-            console = Console(stderr=True)
-            for _ in track(range(rounds), "killing", console=console, transient=True):
+            for _ in steps(range(rounds), "killing"):
                 for victim in victims:
                     _kill(robot, victim)
             numbers = robot.numbers

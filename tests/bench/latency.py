@@ -11,10 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median, quantiles
 
-from rich.console import Console
-from rich.progress import track
 from rich.table import Table
 
+from tests.bench.progress import steps
 from tests.bench.result import Figure, table
 from tests.bench.robot import SERVOS, config
 from tests.robot import Robot, fault, running
@@ -52,8 +51,7 @@ def run(*, quick: bool = False) -> Table:
         directory = Path(name)
         with running(config(directory), directory) as robot:
             robot.wait(robot.ready)
-            console = Console(stderr=True)
-            for number in track(range(rounds), "latency", console=console, transient=True):
+            for number in steps(range(rounds), "latency"):
                 for kind in kinds:
                     servo = 1 + number % (SERVOS - 1) if kind.at_servo else None
                     kind.took_ms.append(_took_ms(robot, kind, servo))

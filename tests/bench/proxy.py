@@ -15,6 +15,7 @@ from dynamixel_sdk import GroupSyncRead, PacketHandler, PortHandler
 from rich.table import Table
 
 from tests.bench.buses import IDS, Buses
+from tests.bench.progress import steps
 from tests.bench.result import Figure, table
 
 _BAUD_RATE = 1_000_000
@@ -76,7 +77,7 @@ def run(*, quick: bool = False) -> Table:
             _Exchange(name, one, other)
             for (name, one), other in zip(bare.items(), proxied.values(), strict=True)
         ]
-        for _ in range(200 if quick else 1500):
+        for _ in steps(range(200 if quick else 1500), "exchanges"):
             for exchange in exchanges:
                 exchange.make()
     figures = [figure for exchange in exchanges for figure in exchange.figures()]

@@ -11,10 +11,9 @@ import time
 from pathlib import Path
 
 import msgspec
-from rich.console import Console
-from rich.progress import track
 from rich.table import Table
 
+from tests.bench.progress import steps
 from tests.bench.result import Figure, table
 from tests.bench.robot import config
 from tests.robot import Robot, running
@@ -58,8 +57,7 @@ def run(*, quick: bool = False) -> Table:
 def _live(robot: Robot, seconds: float) -> None:
     """Faults come and go."""
     rounds = round(seconds / (2 * _FAULT_S))
-    console = Console(stderr=True)
-    for number in track(range(rounds), "recording", console=console, transient=True):
+    for number in steps(range(rounds), "recording"):
         kind, servo = _FAULTS[number % len(_FAULTS)]
         robot.inject(kind, servo)
         _wait(robot)

@@ -14,10 +14,9 @@ from pathlib import Path
 from statistics import median
 
 import msgspec
-from rich.console import Console
-from rich.progress import track
 from rich.table import Table
 
+from tests.bench.progress import steps
 from tests.bench.result import Figure, table
 from tests.bench.robot import config
 from tests.conftest import wait_until
@@ -65,8 +64,7 @@ def run(*, quick: bool = False) -> Table:
         services = [_Service(job) for job in robot_jobs(robot, path, virtual=True, record=True)]
         with Link(robot, "router") as link, (directory / "log").open("w") as log:
             beats = _Beats(link)
-            console = Console(stderr=True)
-            for _ in track(range(rounds), "starting", console=console, transient=True):
+            for _ in steps(range(rounds), "starting"):
                 _round(services, beats, log.fileno())
     figures = [figure for service in services for figure in service.figures()]
     return table(f"Start and stop of each service, {rounds} times", figures)
