@@ -205,7 +205,7 @@ class BusClassifier:
                 self._reach.answered(position, now_ns)
                 self._losses.recovered(position, stamp, passing=False)
                 if position in self._missed:
-                    self._timing.late_answer(position, stamp)
+                    self._timing.late_answer(position, now_ns, stamp)
             elif self._chain.ids and not (position is not None and self._incomplete):
                 self._strangers.servo(status.id, now_ns, stamp)
         if any(isinstance(s.packet, InstructionPacket) for s in answers.segments or ()):

@@ -190,9 +190,7 @@ class Reach:
 
     @staticmethod
     def _is_missing(servo: _Servo, now_ns: int) -> bool:
-        if servo.gone:
-            return True
-        return now_ns - (servo.missed_ns if servo.misses else servo.answered_ns) >= GONE_NS
+        return servo.gone or now_ns - servo.answered_ns >= GONE_NS
 
     def _silent(self, place: int) -> Finding:
         servo = self._servos[place]

@@ -6,7 +6,7 @@ so baud rate, adapter and host drop out.
 """
 
 from collections import Counter, deque
-from statistics import median
+from statistics import median, median_low
 
 from wackel_classifier.chain import Chain
 from wackel_classifier.findings import Finding
@@ -18,6 +18,8 @@ SAMPLES = 16
 LATE_IN_ROW = 3
 """So many late answers in a row make a servo slow: the host is late by chance once in a thousand
 requests even where it does not notice, and some 10^5 single requests an hour are made."""
+LATE_ANSWER_NS = 150_000_000
+"""Late answers within this time count once: a master that does not wait long enough makes many."""
 LEAST_LATE_NS = 60_000
 """What can be told apart from the scatter of a quiet host."""
 SCATTER = 8.0
@@ -59,6 +61,7 @@ class Timing:
         self._latency_since = 0
         self._host: deque[tuple[int, int, int]] = deque(maxlen=HOST_LATE_TIMES)
         self._late_answers = [0] * size
+        self._late_answer_ns = [-LATE_ANSWER_NS] * size
 
     @property
     def suspicious(self) -> bool:
@@ -88,13 +91,16 @@ class Timing:
         else:
             self._late[position] = 0
 
-    def late_answer(self, position: int, stamp: int) -> None:
+    def late_answer(self, position: int, now_ns: int, stamp: int) -> None:
         """A servo has answered when the host no longer listened."""
+        self._recent.append((position, SLOWEST_NS + 1))
+        self._late_answers[position] += 1
+        if now_ns - self._late_answer_ns[position] < LATE_ANSWER_NS:
+            return
+        self._late_answer_ns[position] = now_ns
         if not self._late[position]:
             self._late_since[position] = stamp
         self._late[position] += 1
-        self._late_answers[position] += 1
-        self._recent.append((position, SLOWEST_NS + 1))
 
     def register(self, position: int, value: int, stamp: int) -> None:
         """Return Delay Time was read."""
@@ -123,7 +129,8 @@ class Timing:
         ]
         if not typical:
             return
-        self._usual_ns = max(1.0, median(typical))
+        # Of two, the quicker one is usual.
+        self._usual_ns = max(1.0, median_low(typical))
         deviations = [
             abs(self._own(position, delay) - middle)
             for (position, delays), middle in zip(
@@ -147,9 +154,8 @@ class Timing:
             return findings  # whatever it is, most of them share it
         explained = {finding.component for finding in wrong}
         for position, count in enumerate(self._late):
-            servo = self._chain.servo(position)
-            if count >= LATE_IN_ROW and servo not in explained:
-                findings.append(self._slow(position, servo))
+            if count >= LATE_IN_ROW and self._chain.servo(position) not in explained:
+                findings.append(self._slow(position, self._chain.servo(position)))
         return findings
 
     def _own(self, position: int, delay: int) -> int:
