@@ -244,8 +244,9 @@ FAULT_CODES: dict[str, FaultCode] = {
         heal_s=2.0,
     ),
     "gyro_time_offset": FaultCode(
-        "The stamps of {component} are {offset} ms off those of the wheels.",
-        "Let its driver stamp samples when they are taken, with the computer's own clock.",
+        "The stamps of {component} are {offset} off those of the wheels.",
+        "Let its driver stamp samples when they are taken, with the computer's own clock, and "
+        "publish each at once.",
         "warning",
         window_s=30.0,
     ),

@@ -63,6 +63,7 @@ def robot_jobs(config: RobotConfig, path: Path, virtual: bool, record: bool) -> 
         *([job("virtual/main", "virtual")] if virtual else []),
         *(job(f"gateway/{bus}", "gateway", "--bus", bus) for bus in config.buses),
         job("classifier/main", "classifier"),
+        *([job("odometry/main", "odometry")] if config.drive is not None else []),
         job("aggregator/main", "aggregator"),
         *([job("recorder/main", "record")] if record or config.recorder.directory else []),
     ]

@@ -94,7 +94,8 @@ class Odometer:
         self._contradicted = np.zeros(len(settings))  # s of each gyro against wheels at rest
         self._latest: Odometry | None = None
         self._examined: int | None = None
-        self._told: int | None = None
+        self._silent = False  # the wheels are, and it has been told
+        self._told = 0
         self._in_step = np.zeros(len(settings), dtype=np.bool_)
         self._lost = ""
 
@@ -121,7 +122,9 @@ class Odometer:
         rate = self._alignment.gyro(name, sample)
         self._gyros[name].sample(sample.stamp, sample.angular_velocity, rate)
         messages = [*self._steps(), *self._refusals(sample.stamp)]
-        return messages or self._silence(sample.stamp)
+        if messages or not (rate is not None or self._silent):
+            return messages
+        return self._silence(sample.stamp)
 
     def exclusions(self, message: Exclusions) -> None:
         """Obeys from the next step on; a component that is not there is ignored."""
@@ -241,6 +244,7 @@ class Odometer:
                 others = shown - bias - float(verdict.innovation[at]) if known else math.nan
             watch.step(step, others, shown, bias)
         self._in_step = np.isfinite(step.gyro_rate)
+        self._silent = False
 
     def _odometry(
         self, step: Step, rows: Measurements, verdict: Verdict, standing: bool
@@ -367,10 +371,9 @@ class Odometer:
         done, latest = self._alignment.done, self._latest
         if done is None or latest is None or not self._in_step.any():
             return []
-        told = self._told is not None and 0 <= now - self._told < TELL_NS
-        if told or now - done < SILENT_NS:
+        if now - done < SILENT_NS or (self._silent and 0 <= now - self._told < TELL_NS):
             return []
-        self._told = now
+        self._silent, self._told = True, now
         age_s = (now - done) / 1e9
         reason = f"the wheels have said nothing for {age_s:.1f} s"
         self._latest = replace_fields(latest, valid=False, reason=reason, age_s=age_s)

@@ -59,6 +59,8 @@ def gate(innovation: Floats, h: Floats, covariance: Floats, variance: Floats) ->
 
 def _left_out(s: Floats, y: Floats) -> tuple[Floats, Floats]:
     """Innovation of each given all others, and its standard deviation."""
+    if not len(y):
+        return np.zeros(0), np.zeros(0)
     # LAPACK without numpy's or scipy's checks, which take longer than a matrix of this size.
     factor, _ = dpotrf(s, lower=True)
     lower, _ = dpotri(factor, lower=True)

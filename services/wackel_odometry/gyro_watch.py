@@ -2,7 +2,7 @@
 
 import math
 
-from wackel_drive.alignment import AHEAD_NS, Step
+from wackel_drive.alignment import Step
 from wackel_node.config_drive import GyroConfig
 from wackel_odometry.reports import Complaint
 from wackel_odometry.time_offset import TimeOffset
@@ -19,6 +19,8 @@ FROZEN_NS = 500_000_000
 25 samples if the robot turns meanwhile."""
 FROZEN_TURN = 0.1
 """rad/s by which the wheels' yaw rate must change meanwhile: 100 steps of a common gyro."""
+FRESH_NS = 100_000_000
+"""Two periods of a slow gyro; what turns while it sends nothing does not tell that it is stuck."""
 RATE_NS = 1_000_000_000
 RATE_FACTOR = 1.5
 """A driver's timer is within a few percent; the next setting of a sensor is twice or half."""
@@ -43,6 +45,7 @@ class GyroWatch:
         self._saturated: int | None = None
         self._stamp: int | None = None
         self._heard: int | None = None  # end of the last step that it covered
+        self._useless = 0  # samples since then
         self._window: tuple[int, int] | None = None  # since, samples
         self._rate: float | None = None
         self._offset = TimeOffset()
@@ -67,6 +70,7 @@ class GyroWatch:
         if rate is not None and abs(rate) >= NEAR_SATURATION * self._config.saturation:
             self._saturated = stamp
         self._stamp = stamp
+        self._useless += 1
         since, count = self._window or (stamp, 0)
         if not 0 <= stamp - since <= 2 * RATE_NS:
             self._window = stamp, 0
@@ -87,10 +91,11 @@ class GyroWatch:
     def step(self, step: Step, wheels: float, gyro: float, bias: float) -> None:
         """Takes in the yaw rate of the wheels alone and of the gyro in a step, rad/s, maybe NaN."""
         if math.isfinite(gyro):
-            self._heard = step.end
+            self._heard, self._useless = step.end, 0
         elif self._heard is None:
             self._heard = step.begin
-        if math.isfinite(wheels):
+        sending = self._stamp is not None and abs(step.end - self._stamp) <= FRESH_NS
+        if sending and math.isfinite(wheels):
             low, high = self._turn or (wheels, wheels)
             self._turn = min(low, wheels), max(high, wheels)
         self._offset.add(step.seconds, wheels, gyro - bias)
@@ -146,21 +151,19 @@ class GyroWatch:
         return found
 
     def _out_of_step(self, now: int, silent_ns: int) -> Complaint:
-        """No sample of the steps' time: there are none, or they have other stamps."""
-        if self._stamp is not None and abs(self._stamp - now) > AHEAD_NS:
-            off = (self._stamp - now) / 1e9
-            if self._window is not None and abs(self._window[0] - self._stamp) <= 2 * RATE_NS:
-                return _offset(off, 0.0)
+        """No sample covers the steps: there are none, or their stamps are of another time."""
+        if self._stamp is not None and self._useless >= FROZEN_SAMPLES:
+            return _offset((self._stamp - now) / 1e9, 0.0)
         return Complaint(
             "gyro_silent", f"no sample for {silent_ns / 1e9:.1f} s of the wheels' time"
         )
 
 
 def _offset(seconds: float, sigma: float) -> Complaint:
-    milliseconds = f"{seconds * 1e3:+.0f}"
+    told = f"{seconds:+.0f} s" if abs(seconds) >= 1.0 else f"{seconds * 1e3:+.0f} ms"
     return Complaint(
         "gyro_time_offset",
-        f"stamps {milliseconds} ms off, ± {sigma * 1e3:.0f} ms",
+        f"stamps {told} off, ± {sigma * 1e3:.0f} ms",
         {"offset_s": round(seconds, 4), "sigma_s": round(sigma, 4)},
-        {"offset": milliseconds},
+        {"offset": told},
     )

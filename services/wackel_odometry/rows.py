@@ -20,8 +20,9 @@ from wackel_node.config_drive import DriveConfig, GyroConfig
 from wackel_odometry.filter import FIRST_BIAS, OMEGA, TWIST
 from wackel_schemas import component
 
-SAME_MOTION_S = 1.0
-"""For how long a robot moves in the same way: time in which systematic errors count once."""
+SAME_MOTION_S = 3.0
+"""For how long a robot moves in the same way: time in which systematic errors count once. With it,
+the pose on random paths is as far off as its covariance says."""
 CREEP = 0.002
 """m/s by which a wheel may creep sideways, whatever its speed."""
 TURNING_LAG_S = 0.001

@@ -1,0 +1,86 @@
+"""[drive] and [gyros]: what is wrong with them is told in one line."""
+
+import pytest
+
+from wackel_node.config import ConfigError, dump, parse
+
+BUS = '[buses.main]\nport = "p"\nservos = [{id = 1}, {id = 2}, {id = 3}]\n'
+
+
+def wheel(**changes: object) -> str:
+    fields = {"name": "a", "x": 0.0, "y": 0.2, "radius": 0.05, "bus": "main", "drive": 1}
+    fields |= changes
+    lines = [
+        f"{key} = {value!r}".replace("'", '"') for key, value in fields.items() if value is not None
+    ]
+    return "[[drive.wheels]]\n" + "\n".join(lines) + "\n"
+
+
+def drive(*wheels: str, kind: str = "differential", more: str = "") -> str:
+    return BUS + f'[drive]\nkind = "{kind}"\n{more}\n' + "".join(wheels)
+
+
+LEFT, RIGHT = wheel(), wheel(name="b", y=-0.2, drive=2)
+
+MISTAKES = {
+    drive(LEFT, RIGHT, kind="tank"): "drive.kind = 'tank': allowed are 'ackermann', "
+    "'differential', 'mecanum', 'omni', 'steered', 'tricycle'",
+    drive(): "drive.wheels: kind 'differential' needs 2 or more, each with drive and none with "
+    "steering",
+    drive(LEFT, LEFT): "drive.wheels: name 'a' stands there twice",
+    drive(LEFT, wheel(name="b", drive=2)): "drive.wheels: the left and the right wheels must stand "
+    "apart (y)",
+    drive(LEFT, wheel(name="b", y=-0.2)): "drive.wheels[1]: servo 1 on bus main moves wheel 'a'",
+    drive(LEFT, wheel(name="b", y=-0.2, drive=9)): "drive.wheels[1]: there is no servo 9 on bus "
+    "main",
+    drive(LEFT, wheel(name="b", y=-0.2, bus="x")): "drive.wheels[1]: there is no bus 'x'; known "
+    "are main",
+    drive(LEFT, wheel(name="b", x=None, drive=2)): "drive.wheels[1] needs its place: either x and "
+    "y, or l and alpha",
+    drive(LEFT, wheel(name="b", l=1.0, drive=2)): "drive.wheels[1] needs its place: either x and "
+    "y, or l and alpha",
+    drive(LEFT, wheel(name="b", y=-0.2, drive=2, direction=0)): "drive.wheels[1].direction = 0: "
+    "allowed are 1, -1",
+    drive(LEFT, wheel(name="b", y=-0.2, drive=2, radius=0)): "drive.wheels[1].radius = 0: allowed "
+    "is a number greater than 0",
+    drive(LEFT, wheel(name="b", y=-0.2, drive=2, steering_bus="main")): "drive.wheels[1]"
+    ".steering_bus is useless without steering",
+    drive(LEFT, wheel(name="b", y=-0.2, drive=2, heading=0.5)): "drive.wheels[1].heading: the "
+    "wheels of a differential drive roll forward",
+    drive(LEFT, wheel(name="b", y=-0.2, drive=2, roller=0.5)): "drive.wheels[1].roller: a drive of "
+    "kind 'differential' has none",
+    drive(LEFT, RIGHT, kind="steered"): "drive.wheels: kind 'steered' needs 3 or more, each with "
+    "the ids drive and steering",
+    drive(LEFT, RIGHT, kind="tricycle"): "drive.wheels: kind 'tricycle' needs 3 or more, one of "
+    "them with steering, and one with drive",
+    drive(LEFT, RIGHT, kind="ackermann"): "drive.wheels: kind 'ackermann' needs 4 or more, two of "
+    "them with steering, and one with drive",
+    drive(LEFT, RIGHT, kind="omni"): "drive.wheels: kind 'omni' needs 3 or more, each with drive "
+    "and none with steering",
+    drive(LEFT, RIGHT, wheel(name="c", drive=3), kind="mecanum"): "drive.wheels[0].roller is "
+    "missing: the angle of the rollers, ±pi/4 mostly",
+    drive(
+        *(wheel(name=n, x=0.0, y=0.0, drive=i) for i, n in enumerate("abc", 1)), kind="omni"
+    ): "drive.wheels: at least one must stand away from the origin",
+    drive(
+        *(wheel(name=n, y=i, drive=i) for i, n in enumerate("abc", 1)), kind="omni", more="track=1"
+    ): "drive.track: a drive of kind 'omni' has none",
+    '[gyros.body]\naxis = "up"': "gyros.body.axis = 'up': allowed are '-x', '-y', '-z', 'x', "
+    "'y', 'z'",
+    "[gyros.body]\nnoise_density = 0": "gyros.body.noise_density = 0: allowed is a number greater "
+    "than 0",
+}
+
+
+@pytest.mark.parametrize("text", MISTAKES)
+def test_a_mistake_is_told_by_its_place(text: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse(text)
+    assert str(caught.value) == f"robot.toml: {MISTAKES[text]}"
+
+
+def test_what_is_printed_with_all_defaults_reads_as_the_same() -> None:
+    config = parse(drive(LEFT, RIGHT, more="track = 0.5") + "[gyros.body]\naxis = '-x'\n")
+    assert config.drive is not None
+    assert config.gyros["body"].axis == "-x"
+    assert parse(dump(config)) == config

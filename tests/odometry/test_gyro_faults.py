@@ -1,0 +1,122 @@
+"""Faults of a gyro, from messages to reports."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from tests.odometry.simulation import (
+    GYRO,
+    calibration_errors,
+    exact,
+    random_path,
+    steered_drive,
+)
+from tests.odometry.test_core import Ride, replace_errors
+from wackel_node.config_drive import GyroConfig
+from wackel_schemas.drive import ImuSample
+from wackel_schemas.fault import FaultReport
+
+
+def spoiled(
+    spoil: Callable[[ImuSample], ImuSample | None],
+    gyro: GyroConfig | None = None,
+    late_s: float = 0.0,
+    turning: bool = True,
+) -> list[FaultReport]:
+    """What is reported of a gyro whose samples are changed after 2 s at rest."""
+    ride = Ride(errors=replace_errors(exact(4), noise_density=0.0002), gyro=gyro, late_s=late_s)
+    ride.drive(2.0, 0.0, 0.0, 0.0)
+    rates = (1.0, -1.0, 0.6, -0.8, 1.2, 0.2, 0.9, -0.5) if turning else (0.0,) * 8
+    for rate in rates:
+        for moment in ride.moments(0.5, 0.2 if turning else 0.0, 0.0, rate):
+            ride.truth[moment.state.stamp] = moment.pose
+            ride.take(ride.odometer.bus_state("main", moment.state))
+            sample = spoil(moment.sample)
+            if sample is not None:
+                ride.take(ride.odometer.imu(GYRO, sample))
+    assert all(report.component == f"gyro/{GYRO}" for report in ride.reports)
+    return ride.reports
+
+
+def codes(reports: list[FaultReport]) -> list[tuple[str, str]]:
+    return [(report.code, report.status) for report in reports]
+
+
+def test_a_healthy_gyro_is_not_blamed() -> None:
+    assert spoiled(lambda sample: sample) == []
+
+
+def test_a_value_that_stays_the_same_while_the_robot_turns_is_frozen() -> None:
+    reports = spoiled(
+        lambda sample: ImuSample(stamp=sample.stamp, angular_velocity=(0.0, 0.0, 0.01))
+    )
+    assert ("gyro_frozen", "active") in codes(reports)
+
+
+def test_a_value_that_stays_the_same_while_the_robot_rests_is_not() -> None:
+    reports = spoiled(
+        lambda sample: ImuSample(stamp=sample.stamp, angular_velocity=(0.0, 0.0, 0.0)),
+        turning=False,
+    )
+    assert reports == []
+
+
+def test_a_gyro_at_its_limit_is_saturated() -> None:
+    reports = spoiled(lambda sample: sample, GyroConfig(saturation=1.1))
+    assert codes(reports)[0] == ("gyro_saturated", "active")
+    assert ("gyro_saturated", "healed") in codes(reports)
+
+
+def test_a_gyro_that_falls_silent_is_told() -> None:
+    reports = spoiled(lambda sample: None)
+    assert codes(reports) == [("gyro_silent", "active")]
+    report = reports[0]
+    assert report.message == "The gyro body sends nothing."
+
+
+def test_a_gyro_at_another_rate_is_told_with_both_rates() -> None:
+    (report,) = spoiled(lambda sample: sample, GyroConfig(rate=400.0))
+    assert report.message == "The gyro body sends 100 samples a second instead of 400."
+
+
+def test_a_bias_beyond_the_data_sheet_is_told() -> None:
+    ride = Ride(gyro=GyroConfig(bias_limit=0.02))
+    for moment in ride.moments(6.0, 0.0, 0.0, 0.0):
+        moment.sample.angular_velocity = (0.0, 0.0, 0.025 + moment.sample.angular_velocity[2])
+        ride.feed(moment)
+    assert ride.codes() == [("gyro_bias", "active")]
+    assert "0.025 rad/s at rest" in ride.reports[0].message
+
+
+@pytest.mark.parametrize("late_s", [0.04, -0.04])
+def test_stamps_that_are_off_are_found_from_how_the_robot_turns(late_s: float) -> None:
+    (report,) = spoiled(lambda sample: sample, late_s=late_s)
+    assert report.code == "gyro_time_offset"
+    told = report.evidence.values["offset_s"]
+    assert isinstance(told, float)
+    assert told == pytest.approx(late_s, abs=0.012)
+
+
+def test_stamps_of_another_clock_are_told_as_such() -> None:
+    hour_ns = 3600 * 10**9
+
+    def later(sample: ImuSample) -> ImuSample:
+        return ImuSample(stamp=sample.stamp + hour_ns, angular_velocity=sample.angular_velocity)
+
+    reports = spoiled(later)
+    assert codes(reports) == [("gyro_time_offset", "active")]
+    assert reports[0].message == (
+        "The stamps of the gyro body are +3600 s off those of the wheels."
+    )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_on_a_random_path_with_calibration_errors_nothing_is_blamed(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    ride = Ride(steered_drive(4), calibration_errors(rng, 4))
+    for moment in ride.robot.drive(random_path(rng, 5.0)):
+        ride.feed(moment)
+    assert ride.reports == []
+    assert math.isfinite(ride.now.x)
