@@ -210,13 +210,13 @@ class BusClassifier:
                 self._strangers.servo(status.id, now_ns, stamp)
         if any(isinstance(s.packet, InstructionPacket) for s in answers.segments or ()):
             self._strangers.master(now_ns, stamp)
-        foreign = symptoms.stray + symptoms.broken
-        # What comes after something was missing may be what was missing.
-        late = self._incomplete
-        if foreign and not jammed and not symptoms.rhythmic and not answers.unexpected and not late:
-            if symptoms.stray:
-                self._losses.stray(now_ns, stamp)
+        if jammed or symptoms.rhythmic or answers.unexpected:
+            return
+        if symptoms.stray or symptoms.broken:
             self._strangers.unexplained(now_ns, stamp)
+        # Bytes that come after something was missing may be what was missing.
+        if symptoms.stray and not self._incomplete:
+            self._losses.stray(now_ns, stamp)
 
     def _contents(self, transaction: Transaction, request: Request, answers: Answers) -> None:
         """What intact answers say."""
@@ -227,9 +227,10 @@ class BusClassifier:
         if single is not None and times and answers.clean and on_time:
             size = STATUS_BYTES + len(answers.statuses[0].parameters)
             self._timing.response(single, times[-1].ns, size, transaction.baud_rate, stamp)
-        look_at_motion = request.has_motion and request.slot != self._slot
-        request.slot = self._slot
-        if not request.has_fields and not look_at_motion:
+        look_at_motion = request.is_motion_due(self._slot)
+        if look_at_motion:
+            request.slot = self._slot
+        elif not request.has_fields:
             return
         for status in answers.statuses:
             asked = request.asked.get(status.id)

@@ -36,6 +36,8 @@ WATCHED = (
     "torque_enable",
 )
 MOTION = ("present_load", "present_current", "present_velocity", "present_position")
+MOTION_SLOTS = 2
+"""Ten times a second is enough to see whether a joint moves."""
 MOST_REQUESTS = 256
 """Instructions remembered. Gateways and control software use tens; hostile ones are endless."""
 
@@ -95,7 +97,7 @@ class Request:
         single: Position of the servo, if only one is asked.
         has_fields, has_motion: Whether any answer holds watched registers, or measured values.
         clean: How often it was answered as it should be since this was last set to 0.
-        slot: In which slot its contents were last looked at.
+        slot: In which slot its measured values were last looked at.
     """
 
     def __init__(self, expectation: Expectation, asked: dict[int, Asked]) -> None:
@@ -109,7 +111,7 @@ class Request:
         self.has_fields = any(servo.fields for servo in asked.values())
         self.has_motion = any(servo.motion for servo in asked.values())
         self.clean = 0
-        self.slot = -1
+        self.slot = -MOTION_SLOTS
         lengths = expectation.lengths
         self._total = expectation.total_bytes
         starts = accumulate(
@@ -120,8 +122,12 @@ class Request:
         self._no_errors = (0,) * len(places) if len(places) > 1 else 0
 
     def has_contents(self, slot: int) -> bool:
-        """Whether its answers tell more than that they came: measured values once a slot."""
-        return self.single is not None or self.has_fields or self.slot != slot
+        """Whether its answers tell more than that they came; measured values do now and then."""
+        return self.single is not None or self.has_fields or self.is_motion_due(slot)
+
+    def is_motion_due(self, slot: int) -> bool:
+        """Whether its measured values shall be looked at in this slot."""
+        return self.has_motion and slot - self.slot >= MOTION_SLOTS
 
     def has_errors(self, data: bytes) -> bool:
         """Whether any servo sets its error byte in an answer that is clean."""

@@ -1,0 +1,180 @@
+"""What follows from transactions as any gateway may publish them, without a virtual bus."""
+
+from collections.abc import Callable
+
+import pytest
+
+from tests.classifier.rig import chain
+from wackel_classifier.core import BusClassifier
+from wackel_node.config import ClassifierConfig
+from wackel_protocols.dynamixel2 import packet
+from wackel_protocols.dynamixel2.packet import StatusPacket
+from wackel_schemas.bus import Chunk, ResponseTime, Transaction
+
+START = 1_700_000_000_000_000_000
+PERIOD = 10_000_000
+
+
+class Bus:
+    """Transactions one period apart, and a classifier that takes them."""
+
+    def __init__(self, servos: int, **settings: object) -> None:
+        self.ids = list(range(1, servos + 1))
+        self.classifier = BusClassifier("main", chain(servos, **settings), ClassifierConfig())
+        self.stamp = START
+
+    def take(
+        self, instruction: bytes, expected: list[int], data: bytes, **values: object
+    ) -> list[tuple[str, str]]:
+        """What is active after a transaction."""
+        self.stamp += PERIOD
+        settings = {
+            "stamp": self.stamp,
+            "purpose": "cycle",
+            "instruction": instruction,
+            "sent_ns": 100_000,
+            "chunks": [Chunk(at_ns=1_500_000, data=data)] if data else [],
+            "expected": expected,
+            "expected_bytes": 15 * len(expected),
+            "deadline_ns": 5_000_000,
+            "ended_ns": 1_500_000 if data else 5_000_000,
+            "baud_rate": 1_000_000,
+        }
+        self.classifier.step(Transaction(**(settings | values)))  # type: ignore[arg-type]
+        return [(report.code, report.component) for report in self.classifier.active()]
+
+    def read_all(self, data: bytes | None = None, **values: object) -> list[tuple[str, str]]:
+        """A sync read of all servos; answered by all unless other bytes are given."""
+        if data is None:
+            data = b"".join(map(answer, self.ids))
+        return self.take(packet.sync_read(self.ids, 132, 4), self.ids, data, **values)
+
+
+def answer(servo_id: int, error: int = 0, data: bytes = b"\1\2\3\4") -> bytes:
+    return StatusPacket(servo_id, error, data).encode()
+
+
+def repeat(times: int, action: Callable[[], list[tuple[str, str]]]) -> list[tuple[str, str]]:
+    for _ in range(times - 1):
+        action()
+    return action()
+
+
+def test_without_follow_up_pings_a_silent_tail_is_a_break_or_its_first_servo() -> None:
+    bus = Bus(5)
+    repeat(20, bus.read_all)
+    active = repeat(100, lambda: bus.read_all(answer(1) + answer(2)))
+    assert active == [("cable_break", "bus/main/cable/2-3")]
+    [report] = bus.classifier.active()
+    assert report.suspects == ["bus/main/servo/3"]
+    assert report.confidence < 0.7
+
+
+def test_a_single_lost_packet_is_no_fault() -> None:
+    bus = Bus(5)
+    repeat(20, bus.read_all)
+    bus.read_all(answer(1) + answer(2))
+    assert repeat(200, bus.read_all) == []
+
+
+def test_an_id_that_is_not_configured_is_unexpected() -> None:
+    bus = Bus(3)
+    repeat(5, bus.read_all)
+    data = b"".join(map(answer, bus.ids)) + answer(99)
+    assert ("unexpected_servo", "bus/main/servo/99") in repeat(5, lambda: bus.read_all(data))
+
+
+def test_two_answers_of_one_id_to_one_request_are_a_doubled_id() -> None:
+    bus = Bus(3)
+    repeat(5, bus.read_all)
+    data = answer(1) + answer(2) + answer(2) + answer(3)
+    assert ("unexpected_servo", "bus/main/servo/2") in repeat(5, lambda: bus.read_all(data))
+
+
+def test_instructions_of_another_master_fit_no_known_fault() -> None:
+    bus = Bus(3)
+    repeat(5, bus.read_all)
+    data = b"".join(map(answer, bus.ids)) + packet.ping(7)
+    assert repeat(5, lambda: bus.read_all(data)) == [("unclassified", "bus/main")]
+    [report] = bus.classifier.active()
+    assert report.evidence.transaction is not None
+    assert "instruction packets" in report.evidence.summary
+
+
+def test_packets_that_always_break_off_fit_no_known_fault() -> None:
+    bus = Bus(3)
+    repeat(5, bus.read_all)
+    torn = answer(1) + answer(2) + answer(3)[:9]
+    assert repeat(40, lambda: bus.read_all(torn)) == [("unclassified", "bus/main")]
+
+
+def test_a_refused_instruction_is_told_with_its_reason() -> None:
+    bus = Bus(3)
+    refusal = StatusPacket(2, 7).encode()
+    active = bus.take(packet.write(2, 11, b"\1"), [2], refusal)
+    assert active == [("instruction_error", "bus/main/servo/2")]
+    [report] = bus.classifier.active()
+    assert "access error" in report.message
+    assert repeat(600, bus.read_all) == []
+
+
+def test_an_alert_whose_reason_cannot_be_read_is_told_as_such() -> None:
+    bus = Bus(3)
+    data = answer(1) + answer(2, 0x80) + answer(3)
+    assert repeat(10, lambda: bus.read_all(data)) == []
+    assert repeat(200, lambda: bus.read_all(data)) == [("alert", "bus/main/servo/2")]
+
+
+def test_the_host_is_blamed_for_its_own_lag() -> None:
+    bus = Bus(3)
+    assert bus.read_all(host_lag_ns=8_000_000) == []
+    assert bus.read_all(host_lag_ns=8_000_000) == []
+    assert bus.read_all(host_lag_ns=8_000_000) == [("host_lag", "bus/main")]
+    assert repeat(1200, bus.read_all) == []
+
+
+def test_a_late_answer_is_a_slow_servo_and_not_a_silent_one() -> None:
+    bus = Bus(3)
+    repeat(5, bus.read_all)
+
+    def late() -> list[tuple[str, str]]:
+        bus.take(packet.ping(2), [2], b"")
+        bus.take(b"", [], StatusPacket(2, 0, b"\6\4\46").encode(), purpose="observed")
+        return repeat(10, bus.read_all)
+
+    assert repeat(10, late) == [("slow_servo", "bus/main/servo/2")]
+
+
+@pytest.mark.parametrize(
+    ("registers", "configured", "wrong"),
+    [([250, 250, 10, 250], None, 3), ([250, 250, 10, 250], 20, None), ([0, 0, 0, 5], 0, 4)],
+)
+def test_return_delay_registers_are_held_against_the_configuration_or_the_majority(
+    registers: list[int], configured: int | None, wrong: int | None
+) -> None:
+    bus = Bus(4, return_delay_us=configured)
+    active: list[tuple[str, str]] = []
+    for servo_id, value in zip(bus.ids, registers, strict=True):
+        data = StatusPacket(servo_id, 0, bytes([value])).encode()
+        active = bus.take(packet.read(servo_id, 9, 1), [servo_id], data)
+    active = repeat(10, bus.read_all)
+    if wrong is None:  # all but one differ from what is configured
+        assert len(active) == 3
+    else:
+        assert active == [("return_delay", f"bus/main/servo/{wrong}")]
+
+
+def test_a_slow_servo_among_quick_peers_is_told_by_requests_to_it_alone() -> None:
+    bus = Bus(4)
+
+    def round_of_pings() -> list[tuple[str, str]]:
+        active: list[tuple[str, str]] = []
+        for servo_id in bus.ids:
+            took = 1_600_000 if servo_id == 3 and bus.stamp > START + 10**9 else 690_000
+            data = StatusPacket(servo_id, 0, b"\6\4\46").encode()
+            times = [ResponseTime(id=servo_id, ns=took + servo_id * 1000)]
+            active = bus.take(packet.ping(servo_id), [servo_id], data, response_times=times)
+        return active
+
+    assert repeat(25, round_of_pings) == []
+    assert repeat(8, round_of_pings) == [("slow_servo", "bus/main/servo/3")]
