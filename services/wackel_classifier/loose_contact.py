@@ -139,6 +139,11 @@ class Verdict:
     others: list[tuple[Cause, int]]
     second: int | None = None
 
+    @property
+    def places(self) -> tuple[int, ...]:
+        """The one position, or both."""
+        return (self.position,) if self.second is None else (self.position, self.second)
+
 
 _MARKS = {
     # QUIET, DAMAGED, SPARK, TORN. A contact that opens leaves silence, a spark or half a packet;

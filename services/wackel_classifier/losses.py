@@ -74,7 +74,7 @@ class Losses:
         self._window_successes = [0] * size
         self._window_failures = [0] * size
         self._pending: list[list[Event]] = [[] for _ in range(size)]
-        self._events: deque[tuple[int, Event]] = deque()
+        self._events: deque[tuple[int, int, Event]] = deque()
         self._counts: Counter[Event] = Counter()
         self._windows = [FailureWindow(self._samples) for _ in range(size)]
         self._sparks = 0
@@ -84,7 +84,7 @@ class Losses:
         self._code: str | None = None  # what failures of a servo or of the bus are called
         self._told = False  # whether the verdict has become a finding
         self._strays: deque[int] = deque(maxlen=SPARKS)
-        self._reconnects: deque[tuple[int, int]] = deque(maxlen=16)
+        self._reconnects: deque[tuple[int, int, int]] = deque(maxlen=16)
         self._since = 0
         self._stray_since = 0
 
@@ -107,7 +107,7 @@ class Losses:
         self._successes[position] += count
 
     def failed(self, event: Event, stamp: int, *, spoken: bool) -> None:
-        """A servo has not answered, or not intact; ``spoken``: it has certainly succeeded to."""
+        """A servo has not answered, or not intact; ``spoken``: it has certainly tried to."""
         if spoken:
             self._commit(event, stamp)
             return
@@ -133,8 +133,7 @@ class Losses:
 
     def reconnected(self, position: int, stamp: int) -> None:
         """A cable was broken and has come back."""
-        self._reconnects.append((self._slot, position))
-        self._since = self._since or stamp
+        self._reconnects.append((self._slot, stamp, position))
 
     def reset(self) -> None:
         """What was counted has another cause: a jammer destroys answers at random."""
@@ -186,9 +185,7 @@ class Losses:
         position = event.position
         self._failures[position] += 1
         self._windows[position].fail(self._slot)
-        if not self._events:
-            self._since = stamp
-        self._events.append((self._slot, event))
+        self._events.append((self._slot, stamp, event))
         self._counts[event] += 1
         self._sparks += event.mark is Mark.SPARK
         self._judged = False
@@ -196,7 +193,7 @@ class Losses:
             self._drop()
 
     def _drop(self) -> None:
-        _, event = self._events.popleft()
+        _, _, event = self._events.popleft()
         self._counts[event] -= 1
         if not self._counts[event]:
             del self._counts[event]
@@ -230,12 +227,14 @@ class Losses:
 
     def _reconnecting(self) -> Finding | None:
         """A break that comes and goes."""
-        places = Counter(position for _, position in self._reconnects)
+        places = Counter(position for _, _, position in self._reconnects)
         if not places:
             return None
         position, count = places.most_common(1)[0]
         if count < (RECONNECTS if position else RECONNECTS_ALL):
             return None
+        if not self._told:
+            self._since = next(stamp for _, stamp, place in self._reconnects if place == position)
         summary = f"the connection was gone and came back {count} times"
         last = position == len(self._chain) - 1
         suspects = [self._chain.servo(position)] if last else []
@@ -256,6 +255,8 @@ class Losses:
         verdict = self._verdict
         if verdict is None:
             return []
+        if not self._told:
+            self._since = self._events[0][1]
         found = None
         match verdict.cause:
             case Cause.CONTACT:
@@ -271,11 +272,10 @@ class Losses:
         old = self._verdict
         if old is None or verdict is None or not self._told:
             return verdict
-        same = (old.cause, old.position) == (verdict.cause, verdict.position)
-        if same:
-            clearer = (old.others and not verdict.others) or old.second is None
-            return verdict if clearer else old
-        return verdict if verdict.confidence >= SURE else old
+        if old.cause is verdict.cause and set(verdict.places) <= set(old.places):
+            return verdict if old.others and not verdict.others else old
+        more = set(verdict.places) > set(old.places)
+        return verdict if more or verdict.confidence >= SURE else old
 
     def _intermittent(self, verdict: Verdict) -> list[Finding]:
         window, limits = self._windows[verdict.position], self._limits
