@@ -16,12 +16,12 @@ from rich.table import Table
 
 from tests.bench.progress import steps
 from tests.bench.result import Figure, table
-from tests.bench.robot import config
+from tests.bench.robot import BEYOND_WHEELS, config
 from tests.robot import Heard, Robot, fault, running, status
 from wackel_node.config import RecorderConfig
 from wackel_schemas import component
 
-_SERVO = 3
+_SERVO = BEYOND_WHEELS[0]
 _FAULT = ("servo_silent", component.servo("main", _SERVO))
 _AGGREGATOR = "aggregator/main"
 

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from tests.bench.progress import steps
 from tests.bench.result import Figure, table
-from tests.bench.robot import SERVOS, config
+from tests.bench.robot import BEYOND_WHEELS, config
 from tests.robot import Robot, fault, running
 from wackel_schemas import component
 from wackel_schemas.health import FaultRecord
@@ -53,7 +53,7 @@ def run(*, quick: bool = False) -> Table:
             robot.wait(robot.ready)
             for number in steps(range(rounds), "latency"):
                 for kind in kinds:
-                    servo = 1 + number % (SERVOS - 1) if kind.at_servo else None
+                    servo = _servo(number) if kind.at_servo else None
                     kind.took_ms.append(_took_ms(robot, kind, servo))
     figures = [
         Figure(f"{kind.code}: {what}", value, "ms")
@@ -66,6 +66,10 @@ def run(*, quick: bool = False) -> Table:
         Figure("all: p99", quantiles(every, n=100, method="inclusive")[98], "ms", None, 10.0),
     ]
     return table(f"Latency: from the wire to health, {len(every)} faults", figures)
+
+
+def _servo(number: int) -> int:
+    return BEYOND_WHEELS[number % len(BEYOND_WHEELS)]
 
 
 def _took_ms(robot: Robot, kind: _Kind, servo: int | None) -> float:

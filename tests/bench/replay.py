@@ -21,7 +21,7 @@ from wackel_cli.diagnosis import Diagnosis
 from wackel_node.config import RecorderConfig, RobotConfig
 from wackel_recording.reader import open_recordings
 
-_FAULTS = (("overload", 3), ("silent", 7), ("loose_contact", 12), ("rhythmic_jammer", None))
+_FAULTS = (("overload", 9), ("silent", 11), ("loose_contact", 15), ("rhythmic_jammer", None))
 _FAULT_S = 2.0  # how long each lasts; as long again nothing is wrong
 
 

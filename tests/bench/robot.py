@@ -1,31 +1,51 @@
-"""What a whole robot costs its computer: 20 servos at 200 Hz, every service of ``wackel up``.
+"""What a whole robot costs its computer: 20 servos at 200 Hz, 4 wheels, all of ``wackel up``.
 
 The virtual bus, which stands for the servos, is not counted; ``up`` itself, which holds the
 rendezvous, is. One core of CPU is 100 %; memory is the proportional set size.
 """
 
+import math
 import tempfile
 import time
 from pathlib import Path
 from statistics import median
 
+import msgspec
 from rich.table import Table
 
 from tests.bench.processes import cpu_ns, pss_bytes
 from tests.bench.result import Figure, table
 from tests.robot import Robot, chain, running
 from wackel_node.config import RobotConfig
+from wackel_node.config_drive import DriveConfig, WheelConfig
 from wackel_schemas import keys
 from wackel_schemas.bus import BusStatistics
 
 SERVOS = 20
 RATE_HZ = 200.0
+WHEELS = 4
+BEYOND_WHEELS = range(2 * WHEELS + 1, SERVOS)
+"""Servos that neither drive nor steer, without the last of the chain."""
 _SETTLE_S = 3.0
 
 
 def config(directory: Path) -> RobotConfig:
     """The robot of the budgets; 3 Mbit/s, since 1 Mbit/s does not carry its plain sync reads."""
-    return chain(directory, SERVOS, rate=RATE_HZ, baud_rate=3_000_000, return_delay_us=0)
+    settings = {"rate": RATE_HZ, "baud_rate": 3_000_000, "return_delay_us": 0}
+    wheels = [
+        WheelConfig(
+            name=f"w{number}",
+            l=0.3,
+            alpha=math.pi / WHEELS * (2 * number - 1),
+            radius=0.05,
+            bus="main",
+            drive=number,
+            steering=WHEELS + number,
+        )
+        for number in range(1, WHEELS + 1)
+    ]
+    drive = DriveConfig(kind="steered", wheels=wheels)
+    return msgspec.structs.replace(chain(directory, SERVOS, **settings), drive=drive)
 
 
 def run(*, quick: bool = False) -> Table:
@@ -45,7 +65,7 @@ def run(*, quick: bool = False) -> Table:
             shares = {n: 100 * (cpu_ns(pid) - begin[n]) / took_ns for n, pid in pids.items()}
             memory = {name: pss_bytes(pid) / 2**20 for name, pid in pids.items()}
     return table(
-        f"Whole robot: {SERVOS} servos, {rate_hz:.0f} cycles/s, {seconds:g} s",
+        f"Whole robot: {SERVOS} servos, {WHEELS} wheels, {rate_hz:.0f} cycles/s, {seconds:g} s",
         [
             *(Figure(f"CPU: {name}", share, "% of a core") for name, share in shares.items()),
             Figure("CPU: all", sum(shares.values()), "% of a core", None, 25.0),
