@@ -4,6 +4,7 @@ import argparse
 import sys
 
 from wackel_node import log
+from wackel_node.algebra import single_threaded
 from wackel_node.arguments import add_config, config_of
 from wackel_node.config import ConfigError
 
@@ -26,6 +27,7 @@ def main(argv: list[str]) -> int:
     if config.drive is None:
         raise ConfigError("robot.toml has no [drive]: list the wheels there to get odometry")
 
+    single_threaded()
     from wackel_odometry.service import run
 
     run(config, config.drive)

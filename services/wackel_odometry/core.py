@@ -6,6 +6,7 @@ Time is the stamps of the messages, so a recording gives the same as the robot.
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from operator import gt
 
 import numpy as np
 from msgspec.structs import replace as replace_fields
@@ -38,9 +39,9 @@ from wackel_schemas.drive import (
 from wackel_schemas.fault import FaultReport
 from wackel_schemas.message import Message
 
-BLIND_SIGMA = np.array([0.2, 0.2, 0.5])
-"""m/s, m/s and rad/s beyond which a twist is as good as unknown: without any measurement it is
-reached in 0.1 s."""
+BLIND_VARIANCE = (0.2**2, 0.2**2, 0.5**2)
+"""Squares of the m/s, m/s and rad/s beyond which a twist is as good as unknown: without any
+measurement they are reached in 0.1 s."""
 SILENT_NS = 250_000_000
 """Without a step for so long the wheels are silent."""
 TELL_NS = 100_000_000
@@ -191,19 +192,21 @@ class Odometer:
         if not estimator.sound():
             estimator.restart()
             self._lost = "the arithmetic has failed; the pose starts anew"
-        self._latest = self._odometry(step, rows, verdict, standing)
+        self._latest = self._odometry(step, rows, usable, verdict, standing)
         return self._latest
 
     def _move(self, rows: Measurements, usable: Bools, seconds: float) -> Verdict:
         """Takes in what passes the gates."""
-        estimator = self._filter
-        chosen = usable.nonzero()[0]
+        estimator, z, h = self._filter, rows.z, rows.h
         instant, lasting = rows.white + rows.systematic, counted_once(rows, seconds)
-        z, h = rows.z[chosen], rows.h[chosen]
-        verdict = gate(z - h @ estimator.x, h, estimator.P, instant[chosen])
-        kept = chosen[verdict.accepted]
-        if len(kept):
-            estimator.correct(rows.z[kept], rows.h[kept], lasting[kept], learn_bias=False)
+        if not usable.all():
+            z, h, instant, lasting = z[usable], h[usable], instant[usable], lasting[usable]
+        verdict = gate(z - h @ estimator.x, h, estimator.P, instant)
+        kept = verdict.accepted
+        if not kept.all():
+            z, h, lasting = z[kept], h[kept], lasting[kept]
+        if len(z):
+            estimator.correct(z, h, lasting, learn_bias=False)
         return verdict
 
     def _rest(self, rows: Measurements, usable: Bools, seconds: float) -> Verdict | None:
@@ -240,26 +243,24 @@ class Odometer:
             shown = float(rows.z[row])
             if row in judged:
                 at = judged.index(row)
-                known = verdict.sigma[at] < BLIND_SIGMA[2]
+                known = verdict.sigma[at] ** 2 < BLIND_VARIANCE[2]
                 others = shown - bias - float(verdict.innovation[at]) if known else math.nan
             watch.step(step, others, shown, bias)
         self._in_step = np.isfinite(step.gyro_rate)
         self._silent = False
 
     def _odometry(
-        self, step: Step, rows: Measurements, verdict: Verdict, standing: bool
+        self, step: Step, rows: Measurements, usable: Bools, verdict: Verdict, standing: bool
     ) -> Odometry:
         x, covariance = self._filter.x, self._filter.P
-        present = rows.present()
-        inputs = self._input_states(present, verdict)
+        variances = covariance.diagonal().tolist()
+        inputs = self._input_states(usable, verdict)
         reason = self._lost
-        if (covariance.diagonal()[TWIST] > BLIND_SIGMA**2).any():
+        if any(map(gt, variances[TWIST], BLIND_VARIANCE)):
             left_out = [f"{each.name} {each.result}" for each in inputs if each.result != "used"]
             reason = f"too few inputs: {', '.join(left_out)}"
-        sigmas = np.sqrt(covariance.diagonal()[FIRST_BIAS:]).tolist()
-        biases = x[FIRST_BIAS:].tolist()
         done, newest = step.end, self._alignment.newest or step.end
-        px, py, theta, vx, vy, omega = x[:FIRST_BIAS].tolist()
+        px, py, theta, vx, vy, omega, *biases = x.tolist()
         return Odometry(
             stamp=done,
             x=px,
@@ -275,8 +276,10 @@ class Odometer:
             age_s=max(newest - done, 0) / 1e9,
             standing=standing,
             gyros=[
-                GyroState(name=name, bias=bias, sigma=sigma)
-                for name, bias, sigma in zip(self._gyros, biases, sigmas, strict=True)
+                GyroState(name=name, bias=bias, sigma=math.sqrt(variance))
+                for name, bias, variance in zip(
+                    self._gyros, biases, variances[FIRST_BIAS:], strict=True
+                )
             ],
             inputs=inputs,
             slip=[
@@ -292,7 +295,7 @@ class Odometer:
             restarts=self._alignment.restarts,
         )
 
-    def _input_states(self, present: Bools, verdict: Verdict) -> list[InputState]:
+    def _input_states(self, usable: Bools, verdict: Verdict) -> list[InputState]:
         judged = zip(
             verdict.accepted.tolist(),
             verdict.innovation.tolist(),
@@ -300,12 +303,9 @@ class Odometer:
             strict=True,
         )
         states = []
-        for i, (there, blocked_) in enumerate(
-            zip(present.tolist(), self._blocked.tolist(), strict=True)
-        ):
-            name = self._rows.names[i]
-            if blocked_ or not there:
-                result: Result = "excluded" if blocked_ else "missing"
+        for i, (name, used) in enumerate(zip(self._rows.names, usable.tolist(), strict=True)):
+            if not used:
+                result: Result = "excluded" if self._blocked[i] else "missing"
                 state = InputState(name=name, result=result, rejections=self._rejections[i])
             else:
                 accepted, innovation, sigma = next(judged)

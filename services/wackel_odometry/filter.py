@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
+from scipy.linalg.lapack import dpotrf, dpotrs
 
 from wackel_kinematics.array import Floats
 
@@ -38,7 +39,6 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
 
     def __init__(self, bias_sigma: Floats, bias_stability: Floats) -> None:
         size = FIRST_BIAS + len(bias_sigma)
-        self._learning = True
         super().__init__(dim_x=size, dim_z=1)
         self._bias_variance = np.square(bias_sigma)
         self._walk = np.concatenate([np.zeros(3), AGILITY, bias_stability**2 / BIAS_TIME_S])
@@ -86,24 +86,12 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         # The walk of the twist has happened before the pose moves by it.
         self.Q = (f * (self._walk * dt)) @ f.T
 
-    @property
-    def K(self) -> Floats:  # noqa: N802 (filterpy's name)
-        """The gain, which filterpy sets and then uses for state and covariance alike.
-
-        Its form of the covariance (Joseph's) holds for any gain, so this is the place to consider
-        the biases instead of learning them (Schmidt): their uncertainty counts, but errors of the
-        wheels cannot leak into them.
-        """
-        return self._gain
-
-    @K.setter
-    def K(self, gain: Floats) -> None:  # noqa: N802
-        if not self._learning:
-            gain[FIRST_BIAS:] = 0.0
-        self._gain = gain
-
     def correct(self, z: Floats, h: Floats, variance: Floats, learn_bias: bool) -> None:
         """Takes in measurements.
+
+        Where they may not change the biases, these are considered instead (Schmidt): their
+        uncertainty counts, but errors of the wheels cannot leak into them. filterpy's ``update``
+        knows no such thing; where they may, both give the same.
 
         Args:
             z: Shape (m,).
@@ -111,8 +99,20 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
             variance: Of each, shape (m,).
             learn_bias: Whether they may change the biases.
         """
-        self._learning = learn_bias
-        self.update(z, lambda _: h, lambda x: h @ x, R=np.diag(variance))
+        seen = h @ self.P
+        s = seen @ h.T
+        s.flat[:: len(s) + 1] += variance
+        factor, _ = dpotrf(s, lower=True)
+        gain, _ = dpotrs(factor, seen, lower=True)  # transposed
+        change = (z - h @ self.x) @ gain
+        biases = self.P[FIRST_BIAS:, FIRST_BIAS:].copy()
+        # P − K S Kᵀ, for the optimal gain; without its rows of the biases, their block stays.
+        known = seen.T @ gain
+        self.P = self.P - (known + known.T) / 2  # symmetric to the last digit, for ever
+        if not learn_bias:
+            change[FIRST_BIAS:] = 0.0
+            self.P[FIRST_BIAS:, FIRST_BIAS:] = biases
+        self.x += change
 
     def sound(self) -> bool:
         """Whether the state is one: finite, of this world, with variances that are not negative."""

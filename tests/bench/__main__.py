@@ -17,6 +17,7 @@ BENCHES = {
     "latency": "from the wire to the health topic",
     "robot": "CPU and memory of a whole robot",
     "replay": "replay of a recording, against real time",
+    "odometry": "cost, drift and consistency of the pose, recorded robots",
     "start": "start and stop of every service",
     "crash": "kill -9 of every service during a fault",
     "bus_faults": "how well bus faults are named; the longest",

@@ -1,5 +1,6 @@
 """The filter's model, and that its covariance is the one of its errors (NEES, NIS)."""
 
+import copy
 import math
 
 import numpy as np
@@ -45,6 +46,37 @@ def test_the_jacobian_is_the_derivative_of_the_prediction(omega: float) -> None:
         slope = (predicted(x + step) - predicted(x - step)) / 2e-6
         # The turn of the chord is taken at the middle heading, to second order of ω dt.
         assert estimator.F[:, i] == pytest.approx(slope, abs=1e-4 * (1 + omega**2) * DT)
+
+
+def prior() -> tuple[PlanarFilter, Floats, Floats, Floats]:
+    """A filter with all states correlated, and measurements."""
+    rng = np.random.default_rng(4)
+    estimator = a_filter()
+    estimator.x = rng.normal(size=7)
+    root = rng.normal(size=(7, 7))
+    estimator.P = root @ root.T
+    return estimator, rng.normal(size=5), rng.normal(size=(5, 7)), rng.uniform(0.1, 1.0, 5)
+
+
+def test_a_correction_is_that_of_filterpy() -> None:
+    estimator, z, h, variance = prior()
+    reference = copy.deepcopy(estimator)
+    reference.update(z, lambda _: h, lambda x: h @ x, R=np.diag(variance))
+    estimator.correct(z, h, variance, learn_bias=True)
+    assert estimator.x == pytest.approx(reference.x)
+    np.testing.assert_allclose(estimator.P, reference.P)
+
+
+def test_considering_the_bias_is_josephs_form_with_its_gain_left_out() -> None:
+    estimator, z, h, variance = prior()
+    x, covariance = estimator.x.copy(), estimator.P
+    gain = covariance @ h.T @ np.linalg.inv(h @ covariance @ h.T + np.diag(variance))
+    gain[FIRST_BIAS:] = 0.0
+    rest = np.eye(7) - gain @ h
+    estimator.correct(z, h, variance, learn_bias=False)
+    assert estimator.x == pytest.approx(x + gain @ (z - h @ x))
+    joseph = rest @ covariance @ rest.T + gain * variance @ gain.T
+    np.testing.assert_allclose(estimator.P, joseph)
 
 
 def test_while_the_robot_moves_its_wheels_cannot_bend_the_bias() -> None:
@@ -121,8 +153,10 @@ def test_errors_are_as_large_as_the_covariance_says() -> None:
             z = h @ truth + rng.normal(size=6) * np.sqrt(variance)
             estimator.seconds = DT
             estimator.predict()
+            innovation = z - h @ estimator.x
+            expected = h @ estimator.P @ h.T + np.diag(variance)
+            nis.append(float(innovation @ np.linalg.solve(expected, innovation)))
             estimator.correct(z, h, variance, learn_bias=True)
-            nis.append(float(estimator.y @ estimator.SI @ estimator.y))
         error = estimator.x - truth
         nees.append(float(error @ np.linalg.solve(estimator.P, error)))
     # χ² of k degrees of freedom has mean k and variance 2 k; 3.29 σ are 99.9 %.
