@@ -86,7 +86,7 @@ class Alignment:
         self._rolling = _sensors(layout.rolling)
         self._steering = _sensors(layout.steering)
         self._by_bus: dict[str, dict[int, Track]] = {}
-        for joint, track in (*self._rolling.values(), *self._steering.values()):
+        for _, joint, track in (*self._rolling, *self._steering):
             self._by_bus.setdefault(joint.servo.bus, {})[joint.servo.id] = track
         self._gyros = {name: Track() for name in gyros}
         servos = (track for tracks in self._by_bus.values() for track in tracks.values())
@@ -160,27 +160,35 @@ class Alignment:
         if end is None or not self._covered(end):
             return None
         seconds = (end - begin) / 1e9
-        heading, steered, wheel_rate = np.full((3, self._n), np.nan)
-        for i, (joint, track) in self._rolling.items():
+        # Filled as lists: numpy is slow with single numbers.
+        heading, steered, wheel_rate = ([math.nan] * self._n for _ in range(3))
+        for i, joint, track in self._rolling:
             turned = track.turned(begin, end)
             if turned is not None:
                 wheel_rate[i] = joint.sign * turned / seconds
-        for i, (joint, track) in self._steering.items():
+        for i, joint, track in self._steering:
             angle, turned = track.angle(begin), track.turned(begin, end)
             if angle is not None and turned is not None:
                 heading[i] = joint.sign * (angle + turned / 2) + joint.offset
                 steered[i] = joint.sign * turned
-        gyro_rate = np.full(len(self._gyros), np.nan)
+        gyro_rate = [math.nan] * len(self._gyros)
         for i, track in enumerate(self._gyros.values()):
             turned = track.turned(begin, end)
             if turned is not None:
                 gyro_rate[i] = turned / seconds
         self._advance(end)
-        return Step(begin, end, heading, steered, wheel_rate, gyro_rate)
+        return Step(
+            begin,
+            end,
+            np.array(heading),
+            np.array(steered),
+            np.array(wheel_rate),
+            np.array(gyro_rate),
+        )
 
     def _next_end(self, begin: int) -> int | None:
         """Where the next step ends: at a sample of the first driven wheel that is not absent."""
-        for _, track in self._rolling.values():
+        for _, _, track in self._rolling:
             if track.newest is not None and track.newest + WAIT_NS >= self._wheels_newest:
                 return track.after(begin + SHORTEST_NS)
         return None
@@ -247,8 +255,9 @@ class Alignment:
             track.clear()
 
 
-def _sensors(joints: Iterable[Joint | None]) -> dict[int, tuple[Joint, Track]]:
-    return {i: (joint, Track()) for i, joint in enumerate(joints) if joint is not None}
+def _sensors(joints: Iterable[Joint | None]) -> list[tuple[int, Joint, Track]]:
+    """Number of the wheel, joint and track of those that are there."""
+    return [(i, joint, Track()) for i, joint in enumerate(joints) if joint is not None]
 
 
 def _axis(name: str) -> tuple[int, int]:
@@ -257,5 +266,5 @@ def _axis(name: str) -> tuple[int, int]:
 
 
 def _within(value: float | None, most: float) -> bool:
-    """Whether a value is absent or sensible; NaN is not."""
-    return value is None or (math.isfinite(value) and abs(value) <= most)
+    """Whether a value is absent or sensible; NaN, which no comparison holds for, is not."""
+    return value is None or -most <= value <= most

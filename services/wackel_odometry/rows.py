@@ -50,7 +50,7 @@ class Measurements:
 
     def present(self) -> Bools:
         """Which have a value, shape (m,)."""
-        finite: Bools = np.isfinite(self.z) & np.isfinite(self.h[:, 3]) & np.isfinite(self.white)
+        finite: Bools = np.isfinite(self.z + self.h[:, TWIST.start])
         return finite
 
 
@@ -89,6 +89,7 @@ class Rows:
                 for i, name in enumerate(layout.names)
             },
         }
+        self._rows_of_wheel = list(zip(self.roll_of.tolist(), self.slide_of.tolist(), strict=True))
         self._to_beta = math.pi / 2 - drive.alpha
         self._slides = len(slides)
         self._gyros = slice(self.wheels, None)
@@ -155,11 +156,11 @@ class Rows:
 
     def slip(self, measurements: Measurements, twist: Floats) -> list[tuple[float, float]]:
         """(along, across) of each wheel in m/s at a twist; NaN where it is not known."""
-        seen = measurements.h[: self.wheels, TWIST] @ twist
-        off = measurements.z[: self.wheels] - seen
-        padded = np.append(off, np.nan)  # row -1
-        along, across = padded[self.roll_of], -padded[self.slide_of]
-        return list(zip(along.tolist(), across.tolist(), strict=True))
+        off = (measurements.z - measurements.h[:, TWIST] @ twist).tolist()
+        return [
+            (off[roll] if roll >= 0 else math.nan, -off[slide] if slide >= 0 else math.nan)
+            for roll, slide in self._rows_of_wheel
+        ]
 
 
 def counted_once(measurements: Measurements, seconds: float) -> Floats:
