@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -93,6 +94,12 @@ class Robot:
         """
         wait_until(condition, limit_s, lambda: self.link.pump(0.02))
 
+    def listen(self, seconds: float) -> None:
+        """Listens for so long."""
+        limit = time.monotonic() + seconds
+        while time.monotonic() < limit:
+            self.link.pump(limit - time.monotonic())
+
     def ready(self) -> bool:
         """Whether all is well and every service that has been started says so."""
         return self.health.level == "ok" and all(
@@ -154,21 +161,26 @@ def fault(health: Health, code: str, component: str) -> FaultRecord | None:
 
 
 @contextmanager
-def running(config: RobotConfig, directory: Path, *options: str) -> Iterator[Robot]:
-    """A robot under ``wackel up --virtual``; what its services log goes to ``up.log``.
+def running(
+    config: RobotConfig, directory: Path, *options: str, virtual: bool = True
+) -> Iterator[Robot]:
+    """A robot under ``wackel up``; what its services log goes to ``up.log``.
 
     Args:
         config: Of the robot.
         directory: For its files.
         options: More of ``wackel up``.
+        virtual: With a virtual bus at each port.
     """
     path = write(config, directory)
     lines = directory / "up.jsonl"
-    command = [sys.executable, "-m", "wackel_cli", "up", str(path), "--virtual", "--json"]
+    command = [sys.executable, "-m", "wackel_cli", "up", str(path), "--json", *options]
+    if virtual:
+        command.append("--virtual")
     with (
         lines.open("w") as output,
         (directory / "up.log").open("w") as log,
-        subprocess.Popen([*command, *options], stdout=output, stderr=log, text=True) as up,
+        subprocess.Popen(command, stdout=output, stderr=log, text=True) as up,
     ):
         try:
             wait_until(lambda: "aggregator/main" in lines.read_text(), _START_S)

@@ -18,6 +18,7 @@ from tests.bench.progress import steps
 from tests.bench.result import Figure, table
 from tests.bench.robot import BEYOND_WHEELS, config
 from tests.robot import Heard, Robot, fault, running, status
+from wackel_cli.supervisor import SOUND_LIFE_S
 from wackel_node.config import RecorderConfig
 from wackel_schemas import component
 
@@ -66,6 +67,7 @@ def run(*, quick: bool = False) -> Table:
             for _ in steps(range(rounds), "killing"):
                 for victim in victims:
                     _kill(robot, victim)
+                robot.listen(SOUND_LIFE_S)  # or the next restart would be delayed as in a loop
             numbers = robot.numbers
             missing = max(numbers) + 1 - len(numbers)
     figures = [figure for victim in victims for figure in victim.figures()]

@@ -60,17 +60,11 @@ def _live(robot: Robot, seconds: float) -> None:
     for number in steps(range(rounds), "recording"):
         kind, servo = _FAULTS[number % len(_FAULTS)]
         robot.inject(kind, servo)
-        _wait(robot)
+        robot.listen(_FAULT_S)
         robot.heal()
         if kind == "overload" and servo is not None:
             robot.reboot(servo)
-        _wait(robot)
-
-
-def _wait(robot: Robot) -> None:
-    limit = time.monotonic() + _FAULT_S
-    while time.monotonic() < limit:
-        robot.link.pump(limit - time.monotonic())
+        robot.listen(_FAULT_S)
 
 
 def _diagnose(files: list[Path], robot_config: RobotConfig) -> tuple[Diagnosis, float]:

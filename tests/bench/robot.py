@@ -15,11 +15,10 @@ from rich.table import Table
 
 from tests.bench.processes import cpu_ns, pss_bytes
 from tests.bench.result import Figure, table
-from tests.robot import Robot, chain, running
+from tests.robot import chain, running
 from wackel_node.config import RobotConfig
 from wackel_node.config_drive import DriveConfig, WheelConfig
 from wackel_schemas import keys
-from wackel_schemas.bus import BusStatistics
 
 SERVOS = 20
 RATE_HZ = 200.0
@@ -55,15 +54,18 @@ def run(*, quick: bool = False) -> Table:
         directory = Path(name)
         with running(config(directory), directory) as robot:
             robot.wait(robot.ready)
-            _listen(robot, _SETTLE_S)
+            robot.listen(_SETTLE_S)
+            rates: list[float] = []
+            robot.link.subscribe(keys.STATISTICS, lambda _, told: rates.append(told.cycle_rate))
             pids = {"up": robot.up.pid, **robot.pids()}
             del pids["virtual/main"]
             begin = {name: cpu_ns(pid) for name, pid in pids.items()}
             begin_s = time.monotonic()
-            rate_hz = median(_listen(robot, seconds))
+            robot.listen(seconds)
             took_ns = (time.monotonic() - begin_s) * 1e9
             shares = {n: 100 * (cpu_ns(pid) - begin[n]) / took_ns for n, pid in pids.items()}
             memory = {name: pss_bytes(pid) / 2**20 for name, pid in pids.items()}
+    rate_hz = median(rates)
     return table(
         f"Whole robot: {SERVOS} servos, {WHEELS} wheels, {rate_hz:.0f} cycles/s, {seconds:g} s",
         [
@@ -73,17 +75,3 @@ def run(*, quick: bool = False) -> Table:
             Figure("memory: all", sum(memory.values()), "MiB", None, 350.0),
         ],
     )
-
-
-def _listen(robot: Robot, seconds: float) -> list[float]:
-    """Cycle rates that the gateway tells meanwhile, Hz."""
-    rates: list[float] = []
-
-    def take(_: str, message: BusStatistics) -> None:
-        rates.append(message.cycle_rate)
-
-    robot.link.subscribe(keys.STATISTICS, take)
-    limit = time.monotonic() + seconds
-    while time.monotonic() < limit:
-        robot.link.pump(limit - time.monotonic())
-    return rates
