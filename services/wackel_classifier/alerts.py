@@ -61,6 +61,8 @@ class Alerts:
     def error_byte(self, position: int, error: int, now_ns: int, stamp: int) -> None:
         """A servo has answered with this error byte."""
         servo = self._servos[position]
+        if not error and servo.alert_ns is None:
+            return  # by far the most frequent case
         if error & ALERT:
             if servo.alert_ns is None:
                 servo.alert_ns, servo.since = now_ns, stamp
@@ -106,6 +108,8 @@ class Alerts:
     def findings(self, now_ns: int) -> list[Finding]:
         """The complaints of all servos."""
         findings: list[Finding] = []
+        if not self._raised:
+            return findings
         for position, servo in enumerate(self._servos):
             if servo.alert_ns is not None:
                 findings += self._complaints(position, servo, now_ns)

@@ -6,6 +6,7 @@ so baud rate, adapter and host drop out.
 """
 
 from collections import Counter, deque
+from math import ceil, log
 from statistics import median, median_low
 
 from wackel_classifier.chain import Chain
@@ -16,8 +17,15 @@ from wackel_schemas import component
 SAMPLES = 16
 """Response times kept of each servo."""
 LATE_IN_ROW = 3
-"""So many late answers in a row make a servo slow: the host is late by chance once in a thousand
-requests even where it does not notice, and some 10^5 single requests an hour are made."""
+"""Least number of late answers in a row that makes a servo slow."""
+BY_CHANCE = 1e-9
+"""How improbable a row of late answers must be by chance: some 10^5 single requests an hour are
+made, so this is one false alarm in ten thousand hours."""
+LATE_SHARE = 0.001
+LATE_SHARE_START = 0.01
+LATE_MEMORY = 100
+"""A busy host makes any answer late now and then without noticing it, once in a thousand requests
+where it is quiet. The share is followed over so many requests, from a cautious start."""
 LATE_ANSWER_NS = 150_000_000
 """Late answers within this time count once: a master that does not wait long enough makes many."""
 LEAST_LATE_NS = 60_000
@@ -60,6 +68,8 @@ class Timing:
         self._scatter_ns = 0.0
         self._latency_since = 0
         self._host: deque[tuple[int, int, int]] = deque(maxlen=HOST_LATE_TIMES)
+        self._late_share = LATE_SHARE_START
+        self._late_in_row = _row(LATE_SHARE_START)
         self._late_answers = [0] * size
         self._late_answer_ns = [-LATE_ANSWER_NS] * size
 
@@ -84,12 +94,15 @@ class Timing:
         self._recent.append((position, delay))
         self._delays[position].append(delay)
         own = self._own(position, delay)
-        if self._usual_ns and own > self._usual_ns + self._margin():
+        late = bool(self._usual_ns) and own > self._usual_ns + self._margin()
+        if late:
             if not self._late[position]:
                 self._late_since[position] = stamp
             self._late[position] += 1
         else:
             self._late[position] = 0
+        if self._late[position] < LATE_IN_ROW:  # what is slow by itself says nothing of the host
+            self._late_share += (late - self._late_share) / LATE_MEMORY
 
     def late_answer(self, position: int, now_ns: int, stamp: int) -> None:
         """A servo has answered when the host no longer listened."""
@@ -139,6 +152,7 @@ class Timing:
             for delay in delays
         ]
         self._scatter_ns = median(deviations)
+        self._late_in_row = _row(self._late_share)
 
     def findings(self, now_ns: int, stamp: int) -> list[Finding]:
         """What is slow, and why."""
@@ -252,3 +266,8 @@ class Timing:
                 {"longest_ms": round(longest, 2)},
             )
         ]
+
+
+def _row(share: float) -> int:
+    """How many late answers in a row chance does not explain where such a share is late."""
+    return max(LATE_IN_ROW, ceil(log(BY_CHANCE) / log(min(max(share, LATE_SHARE), 0.5))))
