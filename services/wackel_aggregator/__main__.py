@@ -2,10 +2,9 @@
 
 import argparse
 import sys
-from pathlib import Path
 
 from wackel_node import log
-from wackel_node.config import load
+from wackel_node.arguments import add_config, config_of
 
 
 def main(argv: list[str]) -> int:
@@ -17,13 +16,11 @@ def main(argv: list[str]) -> int:
         "late subscribers. Confirmed faults outlive a restart.",
         epilog="Ask it: `wackel echo health`, `wackel top`.",
     )
-    parser.add_argument(
-        "--config", type=Path, default=Path("robot.toml"), help="configuration (%(default)s)"
-    )
+    add_config(parser)
     parser.add_argument("--verbose", action="store_true", help="log more")
     arguments = parser.parse_args(argv)
     log.set_up("aggregator", arguments.verbose)
-    config = load(arguments.config)
+    config = config_of(arguments)
 
     from wackel_aggregator.service import run
 

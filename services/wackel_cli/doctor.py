@@ -12,7 +12,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 
-from wackel_node.config import BusConfig, RobotConfig, load
+from wackel_node.arguments import config_of
+from wackel_node.config import BusConfig, RobotConfig
 from wackel_node.errors import FAILED, OK
 
 PYTHON = (3, 11)
@@ -185,11 +186,15 @@ def main(argv: list[str]) -> int:
         "Exit code 1 if anything keeps the robot from working.",
     )
     parser.add_argument(
-        "config", nargs="?", type=Path, help="robot.toml; without it, ports are not checked"
+        "config",
+        nargs="?",
+        type=Path,
+        help="the robot's configuration, whose ports are checked (default: robot.toml where you "
+        "are, if there is one)",
     )
     parser.add_argument("--json", action="store_true", help="print JSON")
     arguments = parser.parse_args(argv)
-    config = load(arguments.config) if arguments.config is not None else RobotConfig()
+    config = config_of(arguments)
     findings = list(examine(config))
     if arguments.json:
         print(json.dumps([asdict(finding) for finding in findings], indent=2))

@@ -15,6 +15,12 @@ from wackel_node.listen import EVERYTHING, header_of, key_expression, listen
 
 _PERIOD_S = 1.0
 _SILENCE_S = 3.0
+_EXAMPLES = """\
+examples:
+  wackel echo health
+  wackel echo 'bus/*/state' 'fault/*' --json
+  wackel echo --hz                  who publishes how often, and what is lost
+"""
 
 
 def main(argv: list[str]) -> int:
@@ -41,10 +47,10 @@ def main(argv: list[str]) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="wackel echo",
-        description="Prints what is published below the robot's name, one line a message, until "
+        description="Prints what is published below the robot's name, one line a message, until\n"
         "Ctrl-C. The latest health comes at once.",
-        epilog="Examples:  wackel echo health    wackel echo 'bus/*/state' 'fault/*' --json    "
-        "wackel echo --hz",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument(
         "patterns",

@@ -105,15 +105,21 @@ def _line(report: FaultReport, start_ns: int) -> str:
 
 def _with_progress(entries: Iterable[Entry], recording: Recording) -> Iterator[Entry]:
     """The same entries; on a terminal, after a while, with a bar."""
-    started_s = time.monotonic()
-    with Progress(console=Console(stderr=True), transient=True, auto_refresh=False) as progress:
-        progress.stop()
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield from entries
+        return
+    patient_until_s = time.monotonic() + _PATIENCE_S
+    with ExitStack() as stack:
+        progress = Progress(console=console, transient=True, auto_refresh=False)
         task = progress.add_task("", total=1.0)
         for number, entry in enumerate(entries, 1):
             yield entry
-            if number % _LOOK_EVERY == 0 and time.monotonic() - started_s > _PATIENCE_S:
-                progress.start()
-                progress.update(task, completed=recording.progress, refresh=True)
+            if number % _LOOK_EVERY or time.monotonic() < patient_until_s:
+                continue
+            if not progress.live.is_started:
+                stack.enter_context(progress)
+            progress.update(task, completed=recording.progress, refresh=True)
 
 
 def _summarise(diagnosis: Diagnosis, recording: Recording, took_s: float) -> None:

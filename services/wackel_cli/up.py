@@ -11,6 +11,7 @@ from pathlib import Path
 
 from wackel_cli.supervisor import Change, Job, Supervisor
 from wackel_node import log
+from wackel_node.arguments import DEFAULT
 from wackel_node.config import RobotConfig, load
 from wackel_node.errors import OK, Explained
 from wackel_node.link import Link, NotReached
@@ -33,7 +34,13 @@ def main(argv: list[str]) -> int:
         epilog="All services end with this process, whatever ends it. On a robot whose control "
         "must go on (mode proxy), let systemd run the services instead: compose/systemd.",
     )
-    parser.add_argument("config", nargs="?", type=Path, default=Path("robot.toml"))
+    parser.add_argument(
+        "config",
+        nargs="?",
+        type=Path,
+        default=DEFAULT,
+        help="the robot's configuration (default: %(default)s)",
+    )
     parser.add_argument("--virtual", action="store_true", help="with virtual servos on the ports")
     parser.add_argument("--record", action="store_true", help="record all topics")
     parser.add_argument(

@@ -20,6 +20,12 @@ from wackel_recording.writer import RecordingWriter
 
 _SIZES = {"k": 1e3, "M": 1e6, "G": 1e9}
 _DURATIONS = {"s": 1.0, "min": 60.0, "h": 3600.0}
+_EXAMPLES = """\
+examples:
+  wackel record -o run.mcap
+  wackel record -o /data --max-duration 10min
+  wackel record --topics 'bus/*/transaction' 'fault/*'
+"""
 _SILENCE_S = 3.0  # a robot that runs has sent several heartbeats by then
 
 
@@ -70,10 +76,10 @@ def main(argv: list[str]) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="wackel record",
-        description="Records all topics of the robot into MCAP files, until Ctrl-C. At most half a "
-        "second is lost if the recorder is killed; play or replay read whatever is there.",
-        epilog="Examples:  wackel record -o run.mcap    wackel record -o /data --max-duration 10min"
-        "    wackel record --topics 'bus/*/transaction' 'fault/*'",
+        description="Records all topics of the robot into MCAP files, until Ctrl-C. At most half\n"
+        "a second is lost if the recorder is killed; play or replay read whatever is there.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add_config(parser)
     parser.add_argument(

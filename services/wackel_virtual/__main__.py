@@ -117,7 +117,7 @@ def _inject(argv: list[str]) -> int:
 
     parser = argparse.ArgumentParser(
         prog="wackel virtual inject",
-        description="Makes a fault on the running virtual robot. `wackel virtual kinds` explains "
+        description="Makes a fault on the running virtual robot. `wackel virtual kinds` explains\n"
         "what each KIND does and what its value means.",
         epilog=_INJECT_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,

@@ -91,3 +91,15 @@ def test_the_exit_code_says_whether_the_robot_can_work(
     assert main([str(path), "--json"]) == 1
     findings = json.loads(capsys.readouterr().out)
     assert {"bad"} == {f["result"] for f in findings if f["check"] == "port of bus main"}
+
+
+def test_the_robot_toml_where_one_is_needs_not_be_named(
+    config: RobotConfig,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (tmp_path / "robot.toml").write_text(dump(config))
+    monkeypatch.chdir(tmp_path)
+    assert main([]) == 0
+    assert "port of bus main" in capsys.readouterr().out

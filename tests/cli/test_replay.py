@@ -100,6 +100,7 @@ def test_for_people_a_fault_is_a_line(
     assert "The cable between servo 3 and servo 4 on bus main is disconnected" in line
     assert 1.0 <= float(line.split()[0]) < 2.0
     assert " times real time" in output.err
+    assert "" not in output.err.splitlines()
 
 
 def test_a_recording_of_live_services_compares_equal(
