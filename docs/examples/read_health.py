@@ -14,10 +14,11 @@ config = zenoh.Config()
 config.insert_json5("mode", '"client"')
 config.insert_json5("connect/endpoints", f'["{endpoint}"]')
 with zenoh.open(config) as session:
-    for sample in session.declare_subscriber("wackel/*/health"):
+    subscriber = session.declare_subscriber("wackel/*/health")
+    for sample in subscriber:
         health = msgpack.unpackb(sample.payload.to_bytes())
         print(health["level"], health["summary"], flush=True)
-        for fault in health["faults"]:
+        for fault in health.get("faults", []):
             if fault["status"] == "confirmed":
                 print(" ", fault["code"], fault["component"], f"{fault['confidence']:.0%}")
                 print("    →", fault["remedy"], flush=True)

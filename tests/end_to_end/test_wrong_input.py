@@ -83,7 +83,7 @@ def test_a_robot_whose_port_cannot_be_opened_runs_and_says_so_in_health(
     config = robots.chain(tmp_path, 3)
     with robots.running(config, tmp_path, virtual=False) as robot:
         robot.wait(lambda: robot.confirmed("adapter_unplugged", "bus/main/adapter"), LIMIT_S)
-        assert robot.status("gateway/main") == "ready"
+        robot.wait(lambda: robot.status("gateway/main") == "ready", LIMIT_S)
         assert robot.health.capabilities["can_command"] is False
     if port == "a file":
         assert (tmp_path / "bus").read_text() == ""
