@@ -132,6 +132,8 @@ class BusClassifier:
         self, transaction: Transaction, request: Request, answers: Answers, data: bytes
     ) -> None:
         """At a transaction that is not as it should be, or comes while something is wrong."""
+        if self._calm:
+            self._count_clean()  # those answers came before whatever is wrong now
         stamp, now_ns = transaction.stamp, self._now_ns
         window_ns = transaction.ended_ns - transaction.sent_ns
         capacity = window_ns * transaction.baud_rate // (BITS_PER_BYTE * 1_000_000_000)

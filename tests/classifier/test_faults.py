@@ -163,3 +163,14 @@ def test_a_bus_without_configured_servos_still_shows_what_needs_no_order() -> No
     rig.inject("permanent_jammer")
     rig.run(0.5)
     assert rig.active() == [("permanent_jammer", "bus/main")]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_cable_that_was_off_once_and_is_put_back_is_no_loose_contact(seed: int) -> None:
+    rig = Rig(chain(12, rate=100.0), seed)
+    rig.run(1.0)
+    rig.inject("break", 5)
+    rig.run(6.0)
+    rig.bus.heal()
+    assert {report.code for report in rig.run(12.0)} == {"cable_break"}
+    assert rig.active() == []
