@@ -126,7 +126,12 @@ class Forwarder:
                     self._from_bus(self._port, hung_up=bool(events & ~select.POLLIN))
                 elif fd == self._listener.fileno():
                     self._attach()
-                elif self._told_to_stop():
+                # What was lost earlier in this round may be among what was ready.
+                elif (
+                    self._gateway is not None
+                    and fd == self._gateway.fileno()
+                    and self._told_to_stop(self._gateway)
+                ):
                     return
             if not ready and self._dropped:
                 self._tell_dropped()
@@ -237,10 +242,9 @@ class Forwarder:
             self._gateway = None
             self._active_ns = monotonic_ns()
 
-    def _told_to_stop(self) -> bool:
-        assert self._gateway is not None
+    def _told_to_stop(self, gateway: socket.socket) -> bool:
         try:
-            said = self._gateway.recv(len(STOP))
+            said = gateway.recv(len(STOP))
         except OSError:
             said = b""
         if not said:

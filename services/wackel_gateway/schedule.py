@@ -78,8 +78,8 @@ class _Slow:
 _SLOW = (
     _Slow(("present_input_voltage", "present_temperature"), 1_000_000_000),
     _Slow(("torque_enable", "hardware_error_status"), 1_000_000_000),
-    # Only a write changes it, so this finds what somebody else has written.
-    _Slow(("return_delay_time",), 30_000_000_000),
+    # Only a write changes it; read as often as the others it also times each servo once more.
+    _Slow(("return_delay_time",), 1_000_000_000),
 )
 _HARDWARE_ERROR = 1  # index into _SLOW
 
@@ -337,7 +337,8 @@ class Schedule:
             job = self._ping(self._fresh, now_ns)
             if job is not None:
                 return self._run_extra(job)
-        afforded = self._spare_ns >= costs["silent"]
+        # A ping that costs more than can be saved up is run on credit, which the debt repays.
+        afforded = self._spare_ns >= min(costs["silent"], _SPARE_LIMIT_NS)
         if self._silent and afforded and (fits["silent"] or not self._extra_ran):
             job = self._ping(self._silent, now_ns)
             if job is not None:
