@@ -6,9 +6,9 @@ BIN := $(VENV)/bin
 .PHONY: demo test check unit process bench fuzz lock clean
 
 # The installation is a file target: it is made anew when a lock or the project file changes.
-$(VENV)/run: requirements.lock pyproject.toml
+$(VENV)/run: requirements-sim.lock pyproject.toml
 	$(PYTHON) -m venv --clear $(VENV)
-	$(BIN)/pip install --quiet --require-hashes -r requirements.lock
+	$(BIN)/pip install --quiet --require-hashes -r requirements-sim.lock
 	$(BIN)/pip install --quiet --no-deps --no-build-isolation --editable .
 	touch $@
 
@@ -40,10 +40,13 @@ bench: $(VENV)/dev
 fuzz: $(VENV)/dev
 	$(BIN)/python -m tests.fuzz
 
-# Renew the locks; review the difference before committing it.
+# Renew the locks; review the difference before committing it. A robot needs requirements.lock only.
+PIP_COMPILE := $(BIN)/pip-compile --quiet --generate-hashes --allow-unsafe --strip-extras \
+	--no-emit-index-url --no-emit-find-links --extra build
 lock: $(VENV)/dev
-	$(BIN)/pip-compile --quiet --generate-hashes --allow-unsafe --strip-extras --no-emit-index-url --no-emit-find-links --extra build -o requirements.lock pyproject.toml
-	$(BIN)/pip-compile --quiet --generate-hashes --allow-unsafe --strip-extras --no-emit-index-url --no-emit-find-links --extra build --extra dev -o requirements-dev.lock pyproject.toml
+	$(PIP_COMPILE) -o requirements.lock pyproject.toml
+	$(PIP_COMPILE) --extra sim -o requirements-sim.lock pyproject.toml
+	$(PIP_COMPILE) --extra sim --extra dev -o requirements-dev.lock pyproject.toml
 
 clean:
 	rm -rf $(VENV)

@@ -1,0 +1,1 @@
+"""Drive faults from kinematic residuals: which wheel, steering or sensor lies."""

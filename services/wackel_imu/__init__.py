@@ -1,0 +1,1 @@
+"""A gyro of the robot computer (Linux IIO), published on ``imu/<name>``."""

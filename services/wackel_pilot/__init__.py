@@ -1,0 +1,1 @@
+"""Drives the wheels along a path: commanded twists, and the servo goals that follow from them."""

@@ -1,0 +1,1 @@
+"""Live view of the robot for viewers that speak the Foxglove protocol."""
