@@ -8,6 +8,7 @@ import fcntl
 import os
 import select
 import struct
+import termios
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -30,6 +31,8 @@ REASONS = {
     errno.ENODEV: "it was unplugged",
     errno.ENXIO: "it was unplugged",
     errno.EBADF: "it was unplugged",
+    errno.ENOTTY: "it is no serial port",
+    errno.EISDIR: "it is no serial port",
 }
 
 
@@ -152,4 +155,6 @@ class Port:
 
 def _reason(error: Exception) -> str:
     number = getattr(error, "errno", None)
-    return REASONS.get(number, str(error)) if number is not None else str(error)
+    if number is None and isinstance(error.__context__, termios.error):
+        number = error.__context__.args[0]  # pyserial hides it in its text
+    return str(error) if number is None else REASONS.get(number, str(error))

@@ -150,11 +150,11 @@ def _survey(path: str, baud_rates: Sequence[int], ids: Sequence[int]) -> list[Fo
 
 
 def _table(found: Sequence[Found]) -> Table:
-    table = Table(box=SIMPLE)
-    for heading in ("id", "model", "firmware", "baud rate", "voltage", "temp.", "return delay"):
+    table = Table(box=SIMPLE, padding=0, pad_edge=False)
+    for heading in ("id", "model", "firmware", "baud rate", "voltage", "temp.", "return\ndelay"):
         justify: Literal["left", "right"] = "left" if heading == "model" else "right"
         table.add_column(heading, justify=justify, no_wrap=True)
-    table.add_column("hardware error")
+    table.add_column("hardware\nerror")
     for servo in found:
         table.add_row(
             str(servo.id),

@@ -81,7 +81,7 @@ class Survey:
             patience = Patience(baud_rate, self._port.latency_timer_ms)
             exchange = Exchange(self._port, patience, self._interrupted)
             share = 1 / len(baud_rates)
-            statuses = _each(exchange, ids, self._advance, share) if ids else _all(exchange)
+            statuses = self._each(exchange, ids, share) if ids else _all(exchange)
             for status in statuses:
                 if self._interrupted():
                     return found
@@ -90,19 +90,27 @@ class Survey:
                 self._advance(share)
         return found
 
+    def _each(self, exchange: Exchange, ids: Sequence[int], share: float) -> list[Status]:
+        statuses: list[Status] = []
+        silent: list[int] = []
+        for servo_id in ids:
+            if self._interrupted():
+                return statuses
+            answers = _answers(exchange, packet.ping(servo_id))
+            statuses += answers
+            if not answers:
+                silent.append(servo_id)
+            self._advance(share / len(ids))
+        # Where somebody is, the silent are asked again: an answer may have been lost.
+        for servo_id in silent if statuses else ():
+            if self._interrupted():
+                return statuses
+            statuses += _answers(exchange, packet.ping(servo_id))
+        return sorted(statuses, key=lambda status: status.id)
+
 
 def _all(exchange: Exchange) -> list[Status]:
     return _answers(exchange, packet.ping(BROADCAST_ID))
-
-
-def _each(
-    exchange: Exchange, ids: Sequence[int], advance: Callable[[float], object], share: float
-) -> list[Status]:
-    statuses: list[Status] = []
-    for servo_id in ids:
-        statuses += _answers(exchange, packet.ping(servo_id))
-        advance(share / len(ids))
-    return statuses
 
 
 def _answers(exchange: Exchange, instruction: bytes) -> list[Status]:

@@ -6,10 +6,12 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from tests.gateway.conftest import IDS, Bus, StartGateway
-from wackel_gateway.scan import BadUsage, NoPort, id_list, main, robot_toml
-from wackel_gateway.survey import Found
+from wackel_gateway.port import Port
+from wackel_gateway.scan import BadUsage, NoPort, _table, id_list, main, robot_toml
+from wackel_gateway.survey import ALL_IDS, Found, Survey
 from wackel_node.config import load, parse
 
 
@@ -47,6 +49,31 @@ def test_an_existing_file_is_not_written_over(tmp_path: Path) -> None:
 def test_a_port_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(NoPort, match="there is no such port"):
         main(["--port", str(tmp_path / "none")])
+
+
+def test_a_file_that_is_no_port_is_told_as_such(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    for path in (tmp_path / "file", tmp_path):
+        with pytest.raises(NoPort, match="it is no serial port"):
+            main(["--port", str(path)])
+
+
+@pytest.mark.process
+def test_a_survey_one_by_one_stops_between_two_pings_when_it_is_interrupted(bus: Bus) -> None:
+    advanced: list[float] = []
+    with Port(bus.config.port, bus.config.baud_rate) as port:
+        survey = Survey(port, lambda: len(advanced) >= 3, advanced.append)
+        assert survey.run([bus.config.baud_rate], ALL_IDS) == []
+    assert len(advanced) == 3
+
+
+def test_the_table_fits_a_terminal_of_80_columns() -> None:
+    console = Console(width=80)
+    with console.capture() as capture:
+        console.print(_table([found(252, baud_rate=4_000_000, model="XM540-W270-R")]))
+    assert "XM540-W270-R" in capture.get()
+    assert "4000000" in capture.get()
+    assert "…" not in capture.get()
 
 
 @pytest.mark.process
