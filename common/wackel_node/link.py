@@ -149,6 +149,18 @@ class Publisher(Generic[M]):
         status: Any = self._publisher.matching_status  # the stub says bool, which it is not
         return bool(status.matching)
 
+    def watch_readers(self, handler: Callable[[], None]) -> None:
+        """Has Zenoh's thread call the handler when there is a reader and was none before."""
+
+        def on_status(status: zenoh.MatchingStatus) -> None:
+            if status.matching:
+                handler()
+
+        assert isinstance(self._publisher, zenoh.Publisher)  # a latched value waits by itself
+        self._watching = self._publisher.declare_matching_listener(
+            Callback(on_status, indirect=False)
+        )
+
     def _reply_latest(self, query: zenoh.Query) -> None:
         with query:
             if self._last:
@@ -223,6 +235,11 @@ class Link:
     def publisher(self, topic: Topic[M], **chunks: str) -> Publisher[M]:
         """A publisher on the topic's key with the named chunks filled in."""
         return Publisher(self, topic, self._prefix + topic.key(**chunks))
+
+    def on_reader(self, publisher: Publisher[M], handler: Callable[[], None]) -> None:
+        """Calls ``handler()`` from :meth:`pump` when a publisher that nobody read gets a reader."""
+        inbox = self._inbox("newest", lambda _: handler())
+        publisher.watch_readers(lambda: inbox.add(None))
 
     def subscribe(self, topic: Topic[M], handler: Callable[[str, M], None], **chunks: str) -> None:
         """Calls ``handler(key below the robot's name, message)`` from :meth:`pump`.

@@ -46,6 +46,8 @@ class Node(Link):
             self._previous[number] = signal.signal(number, lambda *_: self.stop())
         self._beat()
         self.every(HEARTBEAT_S, self._beat)
+        # What was told before anyone was linked is told again, not half a second later.
+        self.on_reader(self._heartbeats, self._beat)
         return self
 
     def __exit__(
@@ -106,6 +108,7 @@ class Node(Link):
                 lost=self.lost,
                 overrun=self.overrun,
                 rejected=self.rejected,
+                rejection=self.rejection,
             )
         )
         notify("WATCHDOG=1")

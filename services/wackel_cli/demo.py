@@ -16,9 +16,9 @@ from rich.text import Text
 
 from wackel_cli.robot_model import RobotModel
 from wackel_cli.robot_screen import render
-from wackel_cli.supervisor import Change, Supervisor
+from wackel_cli.supervisor import Change
 from wackel_cli.top import follow
-from wackel_cli.up import rendezvous, robot_jobs, stopped_by_signals
+from wackel_cli.up import rendezvous, robot_jobs, stopped_by_signals, supervised
 from wackel_node import log
 from wackel_node.config import RobotConfig, load
 from wackel_node.errors import FAILED, OK
@@ -108,10 +108,8 @@ def main(argv: list[str]) -> int:
             (Path(directory) / "services.log").open("w", encoding="utf-8") as services_log,
             rendezvous(config) as link,
             stopped_by_signals(link) as stopped,
-            Supervisor(
-                robot_jobs(config, path, virtual=True, record=False),
-                on_change=_note,
-                output=services_log,
+            supervised(
+                link, robot_jobs(config, path, virtual=True), _note, services_log
             ) as supervisor,
         ):
             log.set_up("demo")

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import IO, Literal, Self
 
-from wackel_node.errors import USAGE
+from wackel_node.errors import OK, USAGE
 
 FIRST_DELAY_S = 0.2
 LONGEST_DELAY_S = 8.0
@@ -25,10 +25,14 @@ class Job:
     Attributes:
         name: For people; a service's is ``<service>/<instance>``.
         arguments: Of ``wackel``.
+        after: Names of jobs that have to be ready before the first start.
+        once: Whether it is over for good when it ends without an error.
     """
 
     name: str
     arguments: tuple[str, ...]
+    after: tuple[str, ...] = ()
+    once: bool = False
 
 
 @dataclass(frozen=True)
@@ -37,15 +41,15 @@ class Change:
 
     Attributes:
         name: Of the job.
-        event: ``started``; ``exited`` and to be restarted; ``given up`` (its configuration is
-            wrong, so that a restart cannot help); ``stopped`` on request; ``killed`` because it
-            did not stop.
+        event: ``started``; ``exited`` and to be restarted; ``finished`` what it was for; ``given
+            up`` (its configuration is wrong, so that a restart cannot help); ``stopped`` on
+            request; ``killed`` because it did not stop.
         pid: Of the process.
         detail: How it ended and when it is restarted, in words.
     """
 
     name: str
-    event: Literal["started", "exited", "given up", "stopped", "killed"]
+    event: Literal["started", "exited", "finished", "given up", "stopped", "killed"]
     pid: int
     detail: str = ""
 
@@ -79,7 +83,8 @@ class _Run:
 class Supervisor:
     """Runs jobs. Use with ``with``: leaving it stops all of them within a second.
 
-    The owner calls :meth:`step` when a child has died (SIGCHLD) and after :meth:`wait_s`.
+    The owner calls :meth:`step` when a child has died (SIGCHLD) and after :meth:`wait_s`, and
+    :meth:`ready` when it hears that of a job.
     """
 
     def __init__(
@@ -96,6 +101,7 @@ class Supervisor:
             output: Where stdout and stderr of the processes go; ``None``: to this one's stderr.
         """
         self._runs = [_Run(job) for job in jobs]
+        self._ready: set[str] = set()
         self._on_change = on_change
         self._output = sys.stderr if output is None else output
 
@@ -116,12 +122,19 @@ class Supervisor:
         for run in self._runs:
             if run.process is not None and run.process.poll() is not None:
                 self._bury(run, run.process)
-            if run.process is None and run.due_s is not None and run.due_s <= time.monotonic():
+            due_s = self._due_s(run)
+            if due_s is not None and due_s <= time.monotonic():
                 self._start(run)
+
+    def ready(self, name: str) -> None:
+        """A job says that it is ready; those that come after it may start."""
+        if name not in self._ready:
+            self._ready.add(name)
+            self.step()
 
     def wait_s(self) -> float:
         """How long the owner may wait before the next step, unless a child dies."""
-        due = [run.due_s for run in self._runs if run.process is None and run.due_s is not None]
+        due = [due_s for due_s in map(self._due_s, self._runs) if due_s is not None]
         return max(0.0, min(due) - time.monotonic()) if due else 1.0
 
     def stop(self) -> None:
@@ -140,6 +153,10 @@ class Supervisor:
                 change = Change(run.job.name, "killed", process.pid, "did not stop in time")
             run.process, run.due_s = None, None
             self._on_change(change)
+
+    def _due_s(self, run: _Run) -> float | None:
+        waits = run.process is None and self._ready.issuperset(run.job.after)
+        return run.due_s if waits else None
 
     def _start(self, run: _Run) -> None:
         run.started_s = time.monotonic()
@@ -160,7 +177,10 @@ class Supervisor:
     def _bury(self, run: _Run, process: subprocess.Popen[bytes]) -> None:
         run.process = None
         ending = _ending(process.returncode)
-        if process.returncode == USAGE:
+        if process.returncode == OK and run.job.once:
+            run.due_s = None
+            self._on_change(Change(run.job.name, "finished", process.pid))
+        elif process.returncode == USAGE:
             run.due_s = None
             self._on_change(Change(run.job.name, "given up", process.pid, ending))
         else:

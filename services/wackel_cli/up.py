@@ -5,9 +5,11 @@ import json
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
+from typing import IO
 
 from wackel_cli.supervisor import Change, Job, Supervisor
 from wackel_node import log
@@ -15,6 +17,7 @@ from wackel_node.arguments import DEFAULT
 from wackel_node.config import RobotConfig, load
 from wackel_node.errors import OK, Explained
 from wackel_node.link import Link, NotReached
+from wackel_recording.reader import open_recordings
 from wackel_schemas import keys
 from wackel_schemas.health import Health, Heartbeat
 
@@ -41,7 +44,14 @@ def main(argv: list[str]) -> int:
         default=DEFAULT,
         help="the robot's configuration (default: %(default)s)",
     )
-    parser.add_argument("--virtual", action="store_true", help="with virtual servos on the ports")
+    source = parser.add_mutually_exclusive_group()
+    source.add_argument("--virtual", action="store_true", help="with virtual servos on the ports")
+    source.add_argument(
+        "--play",
+        metavar="FILE",
+        type=Path,
+        help="with this recording in the place of gateways and sensors",
+    )
     parser.add_argument("--record", action="store_true", help="record all topics")
     parser.add_argument(
         "--external-rendezvous",
@@ -53,26 +63,57 @@ def main(argv: list[str]) -> int:
     arguments = parser.parse_args(argv)
     log.set_up("up")
     config = load(arguments.config)
+    if arguments.play is not None:
+        open_recordings([arguments.play])  # says what is wrong with it before anything starts
     show = show_json if arguments.json else show_text
     with rendezvous(config, arguments.external_rendezvous) as link:
-        jobs = robot_jobs(config, arguments.config, arguments.virtual, arguments.record)
+        jobs = robot_jobs(
+            config,
+            arguments.config,
+            virtual=arguments.virtual,
+            record=arguments.record,
+            recording=arguments.play,
+        )
         run(link, jobs, show)
     return OK
 
 
-def robot_jobs(config: RobotConfig, path: Path, virtual: bool, record: bool) -> list[Job]:
-    """What a robot consists of."""
+def robot_jobs(
+    config: RobotConfig,
+    path: Path,
+    *,
+    virtual: bool = False,
+    record: bool = False,
+    recording: Path | None = None,
+) -> list[Job]:
+    """What a robot consists of.
 
-    def job(name: str, command: str, *more: str) -> Job:
-        return Job(name, (command, "--config", str(path), *more))
+    Args:
+        config: The robot's.
+        path: Where that stands.
+        virtual: With a virtual robot, which has to be ready before gateways look for its ports.
+        record: With a recorder, even if the configuration has none.
+        recording: Played in the place of gateways, once all others listen.
+    """
 
-    return [
-        *([job("virtual/main", "virtual")] if virtual else []),
-        *(job(f"gateway/{bus}", "gateway", "--bus", bus) for bus in config.buses),
+    def job(name: str, command: str, *more: str, after: Iterable[str] = ()) -> Job:
+        return Job(name, (command, "--config", str(path), *more), tuple(after))
+
+    readers = [
         job("classifier/main", "classifier"),
         *([job("odometry/main", "odometry")] if config.drive is not None else []),
         job("aggregator/main", "aggregator"),
         *([job("recorder/main", "record")] if record or config.recorder.directory else []),
+    ]
+    if recording is not None:
+        names = [reader.name for reader in readers]
+        player = job("playback/main", "play", str(recording), after=names)
+        return [*readers, replace(player, once=True)]
+    first = ["virtual/main"] if virtual else []
+    return [
+        *(job(name, "virtual") for name in first),
+        *(job(f"gateway/{bus}", "gateway", "--bus", bus, after=first) for bus in config.buses),
+        *readers,
     ]
 
 
@@ -128,10 +169,29 @@ def run(link: Link, jobs: list[Job], show: Callable[[str, str, str], None]) -> N
 
     link.subscribe(keys.ALIVE, on_heartbeat)
     link.subscribe(keys.HEALTH, on_health)
-    with stopped_by_signals(link) as stopped, Supervisor(jobs, on_change) as supervisor:
+    with stopped_by_signals(link) as stopped, supervised(link, jobs, on_change) as supervisor:
         while not stopped():
             link.pump(supervisor.wait_s())
             supervisor.step()
+
+
+@contextmanager
+def supervised(
+    link: Link,
+    jobs: list[Job],
+    on_change: Callable[[Change], None],
+    output: IO[str] | None = None,
+) -> Iterator[Supervisor]:
+    """A supervisor that hears on the link who is ready; arguments as those of Supervisor."""
+    supervisor = Supervisor(jobs, on_change, output)
+
+    def on_heartbeat(key: str, beat: Heartbeat) -> None:
+        if beat.state == "ready":
+            supervisor.ready(key.removeprefix("alive/"))
+
+    link.subscribe(keys.ALIVE, on_heartbeat)
+    with supervisor:
+        yield supervisor
 
 
 @contextmanager

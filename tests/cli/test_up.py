@@ -40,14 +40,27 @@ def test_the_delay_doubles_up_to_a_bound_and_is_forgotten_after_a_sound_life() -
 def test_a_robot_consists_of_a_gateway_a_bus_and_one_of_each_other_service() -> None:
     config = RobotConfig(buses={"left": BusConfig(port="a"), "right": BusConfig(port="b")})
     path = Path("robot.toml")
-    names = ["gateway/left", "gateway/right", "classifier/main", "aggregator/main"]
-    assert [job.name for job in robot_jobs(config, path, False, False)] == names
-    everything = [job.name for job in robot_jobs(config, path, True, True)]
-    assert everything == ["virtual/main", *names, "recorder/main"]
+    gateways = ["gateway/left", "gateway/right"]
+    readers = ["classifier/main", "aggregator/main"]
+    assert [job.name for job in robot_jobs(config, path)] == [*gateways, *readers]
+    everything = robot_jobs(config, path, virtual=True, record=True)
+    names = ["virtual/main", *gateways, *readers, "recorder/main"]
+    assert [job.name for job in everything] == names
+    assert [job.after for job in everything if job.name in gateways] == [("virtual/main",)] * 2
     recorded = msgspec.structs.replace(config, recorder=RecorderConfig(directory="r"))
-    assert [job.name for job in robot_jobs(recorded, path, False, False)][-1] == "recorder/main"
-    gateway = robot_jobs(config, path, False, False)[0]
+    assert robot_jobs(recorded, path)[-1].name == "recorder/main"
+    gateway = robot_jobs(config, path)[0]
     assert gateway.arguments == ("gateway", "--config", "robot.toml", "--bus", "left")
+    assert gateway.after == ()
+
+
+def test_a_recording_stands_in_for_the_gateways_once_all_others_listen() -> None:
+    config = RobotConfig(buses={"left": BusConfig(port="a")})
+    *readers, player = robot_jobs(config, Path("robot.toml"), recording=Path("walk.mcap"))
+    assert [job.name for job in readers] == ["classifier/main", "aggregator/main"]
+    assert player.arguments == ("play", "--config", "robot.toml", "walk.mcap")
+    assert player.after == ("classifier/main", "aggregator/main")
+    assert player.once
 
 
 # Real processes from here on.
@@ -128,6 +141,18 @@ def test_what_is_wrongly_configured_is_given_up(tmp_path: Path) -> None:
         assert story.wait_for("given up").detail == "wrong usage or configuration"
         story.turn()
     assert [change.event for change in story.changes] == ["started", "given up"]
+
+
+@pytest.mark.process
+def test_what_comes_after_another_starts_when_that_is_ready() -> None:
+    story = Story([Job("b", ("schema", "--help"), after=("a",), once=True)])
+    with story.supervisor:
+        story.turn()
+        assert story.changes == []
+        story.supervisor.ready("a")
+        story.wait_for("finished")
+        story.turn()
+    assert [change.event for change in story.changes] == ["started", "finished"]
 
 
 @pytest.mark.process

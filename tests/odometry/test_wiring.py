@@ -11,7 +11,7 @@ BUSES = {BUS: BusConfig(port="p")}
 
 
 def names(config: RobotConfig) -> list[str]:
-    return [job.name for job in robot_jobs(config, Path("robot.toml"), virtual=False, record=False)]
+    return [job.name for job in robot_jobs(config, Path("robot.toml"))]
 
 
 def test_a_robot_with_wheels_runs_odometry_and_needs_it() -> None:
