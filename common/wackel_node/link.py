@@ -7,11 +7,13 @@ the thread that calls :meth:`Link.pump`, so services have one thread and need no
 import json
 import queue
 import random
+import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from itertools import count
 from types import TracebackType
-from typing import Any, Generic, Literal, Self, TypeVar
+from typing import Any, Generic, Literal, NamedTuple, Self, TypeVar
 
 import zenoh
 from zenoh.ext import (
@@ -38,6 +40,14 @@ R = TypeVar("R", bound=Message)
 # How many messages wait for a busy reader: of state a quarter of a second at 1 kHz, of evidence
 # several seconds, which also bounds the age of what is still worth reading.
 _DEPTH = {"newest": 256, "all": 4096}
+# The longest message of wackel's own, a health with a hundred faults and their evidence, has some
+# 200 kB; strangers' messages must fill neither the memory nor the time.
+MOST_BYTES = 1 << 20
+# What Zenoh itself puts together before anyone can refuse it (twice as much, as measured), and
+# what may wait in one inbox.
+_MOST_REASSEMBLED = 4 * MOST_BYTES
+_MOST_WAITING = 16 * MOST_BYTES
+_MOST_TOLD = 200  # characters of a refusal
 _WARN_EVERY_S = 60.0
 # Strangers may write on any key: what is remembered of each ends here.
 _MAX_KEYS = 1024
@@ -48,6 +58,17 @@ _STRANGE_JUMP = 3_600_000
 _REFUSAL = zenoh.Encoding.TEXT_PLAIN
 
 Role = Literal["peer", "client", "router"]
+
+
+class _Arrival(NamedTuple):
+    """An item of an inbox; by its number, those of several inboxes keep the order of arrival."""
+
+    number: int
+    size: int
+    item: Any
+
+
+_arrivals = count()
 
 
 class NotReached(Explained, ConnectionError):
@@ -82,6 +103,7 @@ def session(config: RobotConfig, role: Role) -> zenoh.Session:
         "open/return_conditions/connect_scouted": False,
         "timestamping/enabled": True,  # the cache of a latched topic orders its values by it
         "transport/link/tx/lease": config.zenoh.lease_ms,
+        "transport/link/rx/max_message_size": _MOST_REASSEMBLED,
     }
     if role == "peer":
         settings["connect/timeout_ms"] = -1
@@ -171,25 +193,33 @@ class _Inbox:
     """What one subscription or query has received and its handler has not yet seen."""
 
     def __init__(self, keep: str, deliver: Callable[[Any], None], wake: Callable[[Any], None]):
-        self.items: deque[Any] = deque(maxlen=_DEPTH[keep])
         self.deliver = deliver
         self.overrun = 0
+        self._depth = _DEPTH[keep]
+        self._items: deque[_Arrival] = deque()
+        self._bytes = 0
+        self._lock = threading.Lock()
         self._wake = wake
         self._woken = False
 
-    def add(self, item: Any) -> None:  # on a Zenoh thread
-        if len(self.items) == self.items.maxlen:
-            self.overrun += 1
-        self.items.append(item)
-        if not self._woken:
-            self._woken = True
+    def add(self, item: Any, size: int = 0) -> None:  # on a Zenoh thread
+        with self._lock:
+            self._items.append(_Arrival(next(_arrivals), size, item))
+            self._bytes += size
+            while len(self._items) > self._depth or self._bytes > _MOST_WAITING:
+                self._bytes -= self._items.popleft().size
+                self.overrun += 1
+            woken, self._woken = self._woken, True
+        if not woken:
             self._wake(self)
 
-    def drain(self) -> None:
-        """Delivers what is there now; what comes meanwhile wakes again, so a flood starves none."""
-        self._woken = False
-        for _ in range(len(self.items)):
-            self.deliver(self.items.popleft())
+    def take(self) -> list[tuple["_Arrival", "_Inbox"]]:
+        """What is there now; what comes meanwhile wakes again, so a flood starves none."""
+        with self._lock:
+            items, self._items = self._items, deque()
+            self._bytes = 0
+            self._woken = False
+        return [(item, self) for item in items]
 
 
 class Link:
@@ -198,6 +228,7 @@ class Link:
     Attributes:
         boot: Random number of this process start.
         received, lost, rejected: Counts of messages read, never arrived, and not understood.
+        rejection: Key and reason of the latest that was not understood; empty if none was.
     """
 
     def __init__(self, config: RobotConfig, role: Role = "client") -> None:
@@ -207,6 +238,7 @@ class Link:
         self.received = 0
         self.lost = 0
         self.rejected = 0
+        self.rejection = ""
         self._prefix = f"{ROOT}/{config.robot}/"
         self._inboxes: list[_Inbox] = []
         self._wake: queue.SimpleQueue[_Inbox | None] = queue.SimpleQueue()
@@ -256,8 +288,7 @@ class Link:
                 self.notice_gap(key, message)
                 handler(key, message)
             except wire.Rejected as error:
-                self.rejected += 1
-                self._warn(key, f"{key}: {error}")
+                self._refuse(key, str(error))
 
         self.subscribe_raw(topic, lambda key, payload: deliver((key, payload)), **chunks)
 
@@ -266,10 +297,23 @@ class Link:
     ) -> None:
         """As :meth:`subscribe`, with the bytes as they came (recorder, echo)."""
         prefix = len(self._prefix)
-        inbox = self._inbox(topic.keep, lambda item: handler(*item))
+
+        def deliver(item: tuple[str, bytes | int]) -> None:
+            key, payload = item
+            if isinstance(payload, int):
+                self._refuse(key, f"{payload} bytes; no message has more than {MOST_BYTES}")
+            else:
+                handler(key, payload)
+
+        inbox = self._inbox(topic.keep, deliver)
 
         def on_sample(sample: zenoh.Sample) -> None:
-            inbox.add((str(sample.key_expr)[prefix:], sample.payload.to_bytes()))
+            payload, size = sample.payload, len(sample.payload)
+            key = str(sample.key_expr)[prefix:]
+            if size > MOST_BYTES:
+                inbox.add((key, size))
+            else:
+                inbox.add((key, payload.to_bytes()), size)
 
         key = self._prefix + topic.key(**chunks)
         callback = Callback(on_sample, indirect=False)
@@ -304,19 +348,22 @@ class Link:
         def deliver(item: zenoh.Query) -> None:
             with item:
                 try:
-                    payload = item.payload.to_bytes() if item.payload is not None else b"\x80"
-                    reply = handler(wire.decode(payload, query.request))
+                    reply = handler(wire.decode(_payload(item), query.request))
                 except wire.Rejected as error:
-                    self.rejected += 1
+                    self._refuse(str(item.key_expr)[len(self._prefix) :], str(error))
                     item.reply_err(str(error), encoding=_REFUSAL)
                     return
                 reply.boot = self.boot
                 item.reply(item.key_expr, wire.encode(reply), encoding=wire.encoding(query.reply))
 
         inbox = self._inbox("all", deliver)
+
+        def on_query(item: zenoh.Query) -> None:
+            inbox.add(item, len(item.payload) if item.payload is not None else 0)
+
         self._entities.append(
             self.session.declare_queryable(
-                self._prefix + query.key(**chunks), Callback(inbox.add, indirect=False)
+                self._prefix + query.key(**chunks), Callback(on_query, indirect=False)
             )
         )
 
@@ -369,9 +416,11 @@ class Link:
             return False
         # No more than what is there now: timers are due even in a flood.
         woken += [self._wake.get_nowait() for _ in range(self._wake.qsize())]
-        for inbox in woken:
-            if inbox is not None:
-                inbox.drain()
+        arrived = [each for inbox in woken if inbox is not None for each in inbox.take()]
+        # In the order of arrival, whatever the topic: a core gets what a recorder recorded.
+        arrived.sort(key=lambda each: each[0].number)
+        for arrival, inbox in arrived:
+            inbox.deliver(arrival.item)
         return True
 
     def wake(self) -> None:
@@ -393,6 +442,15 @@ class Link:
             del self._last_seen[next(iter(self._last_seen))]
         self._last_seen[key] = (message.boot, message.seq)
 
+    def _refuse(self, key: str, reason: str) -> None:
+        """Counts a message that is not used, and tells why."""
+        self.rejected += 1
+        told = f"{key}: {reason}"[:_MOST_TOLD]
+        self.rejection = "".join(
+            c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in told
+        )
+        self._warn(key, self.rejection)
+
     def _warn(self, key: str, text: str) -> None:
         """Logs, for each key at most once a minute: garbage must not fill a disk."""
         now = time.monotonic()
@@ -401,3 +459,17 @@ class Link:
                 self._warned.clear()
             self._warned[key] = now
             logger.warning(text)
+
+
+def _payload(query: zenoh.Query) -> bytes:
+    """What a request says; without payload, nothing but defaults.
+
+    Raises:
+        wire.Rejected: It is too long.
+    """
+    payload = query.payload
+    if payload is None:
+        return b"\x80"
+    if len(payload) > MOST_BYTES:
+        raise wire.Rejected(f"{len(payload)} bytes; no request has more than {MOST_BYTES}")
+    return payload.to_bytes()

@@ -294,6 +294,12 @@ FAULT_CODES: dict[str, FaultCode] = {
         debounce_s=1.0,  # one burst lost, as when a service starts, is no overload
         heal_s=5.0,
     ),
+    "messages_refused": FaultCode(
+        "{component} gets messages that it cannot use: {reason}.",
+        "Look at what is published there (wackel echo) and correct or stop its publisher.",
+        "warning",
+        heal_s=5.0,
+    ),
 }
 
 # A key that is confirmed explains the faults listed for it, which stay visible but inhibited.

@@ -21,6 +21,7 @@ class Heartbeat(Message, kw_only=True):
         lost: Messages of others that never arrived (jumps in ``seq``) since boot.
         overrun: Messages that arrived and were dropped here because the service was busy.
         rejected: Messages and requests that were not understood.
+        rejection: Key and reason of the latest of them.
     """
 
     state: Literal["starting", "ready", "stopping", "crashed"]
@@ -31,6 +32,7 @@ class Heartbeat(Message, kw_only=True):
     lost: int = 0
     overrun: int = 0
     rejected: int = 0
+    rejection: str = ""
 
 
 class FaultRecord(Record, kw_only=True):

@@ -93,6 +93,14 @@ class Aggregator:
             self._find("messages_lost", name, now, Evidence(summary=summary, values={**values}))
         else:
             self._heal("messages_lost", name, now)
+        refused = beat.rejected - before.rejected
+        if refused > 0:
+            summary = f"{refused} messages refused within {beat.period_s:g} s"
+            values = {"refused": beat.rejected, "received": beat.received}
+            evidence = Evidence(summary=summary, values={**values})
+            self._find("messages_refused", name, now, evidence, beat.rejection)
+        else:
+            self._heal("messages_refused", name, now)
 
     def alive(self, name: str, alive: bool, now: Instant) -> None:
         """The liveliness token of ``<service>/<instance>`` has come or gone.
@@ -179,6 +187,7 @@ class Aggregator:
                 self._heal(code, service.name, now)
         if found or service.status == "stopped":
             self._heal("messages_lost", service.name, now)
+            self._heal("messages_refused", service.name, now)
 
     def _find(
         self, code: str, service: str, now: Instant, evidence: Evidence, reason: str = ""

@@ -6,7 +6,7 @@ from wackel_classifier.core import BusClassifier
 from wackel_node.config import RobotConfig
 from wackel_node.log import logger
 from wackel_node.node import Node
-from wackel_schemas import keys
+from wackel_schemas import keys, wire
 from wackel_schemas.bus import Transaction
 
 REPEAT_S = 1.0
@@ -21,17 +21,12 @@ def run(config: RobotConfig) -> None:
             bus: BusClassifier(bus, bus_config, config.classifier)
             for bus, bus_config in config.buses.items()
         }
-        unknown: set[str] = set()
 
         def take(key: str, transaction: Transaction) -> None:
             bus = keys.chunk_of(keys.TRANSACTION, key, "bus")
             classifier = classifiers.get(bus)
             if classifier is None:
-                node.rejected += 1
-                if bus not in unknown and len(unknown) < 100:
-                    unknown.add(bus)
-                    logger.warning("bus %s is not in the configuration; it is ignored", bus)
-                return
+                raise wire.Rejected("this bus is not in the configuration")
             for report in classifier.step(transaction):
                 faults.put(report)
                 logger.info("%s: %s", report.status, report.message)

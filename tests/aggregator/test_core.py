@@ -73,7 +73,9 @@ class Robot:
         self.start("gateway/main", 99)
         self.start("classifier/main", CLASSIFIER_BOOT)
 
-    def beat(self, name: str, lost: int = 0, reason: str = "") -> None:
+    def beat(
+        self, name: str, lost: int = 0, reason: str = "", rejected: int = 0, rejection: str = ""
+    ) -> None:
         beat = Heartbeat(
             stamp=self.now.utc_ns,
             boot=self.boots[name],
@@ -82,6 +84,8 @@ class Robot:
             pid=1,
             lost=lost,
             reason=reason,
+            rejected=rejected,
+            rejection=rejection,
         )
         self.core.heartbeat(name, beat, self.now)
 
@@ -393,6 +397,20 @@ def test_a_single_loss_of_messages_is_pending_and_repeated_loss_a_warning(robot:
         robot.beat("classifier/main", lost=7)
         robot.tick()
     assert robot.fault("messages_lost").status == "healed"
+
+
+def test_messages_that_a_service_cannot_use_are_a_warning_with_the_reason(robot: Robot) -> None:
+    robot.beat("classifier/main", rejected=1, rejection="bus/main/transaction: no Transaction")
+    robot.tick()
+    fault = robot.fault("messages_refused")
+    assert (fault.status, robot.health.level) == ("confirmed", "warning")
+    assert fault.message.endswith("cannot use: bus/main/transaction: no Transaction.")
+    for _ in range(12):
+        robot.now_s += 0.5
+        robot.beat("gateway/main")
+        robot.beat("classifier/main", rejected=1)
+        robot.tick()
+    assert robot.fault("messages_refused").status == "healed"
 
 
 @pytest.mark.parametrize("period_s", [0.0, -1.0, float("nan"), float("inf"), 1e9])

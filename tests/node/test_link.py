@@ -1,0 +1,129 @@
+"""What reaches a handler, in which order, and what is refused."""
+
+from collections.abc import Iterator
+
+import pytest
+import zenoh
+from zenoh.handlers import Callback
+
+from tests.conftest import Rendezvous, wait_until
+from wackel_node.link import MOST_BYTES, Link
+from wackel_schemas import keys, wire
+from wackel_schemas.bus import BusCommand, BusState
+from wackel_schemas.drive import ImuSample
+from wackel_schemas.health import HealthReply
+
+pytestmark = pytest.mark.process
+
+
+@pytest.fixture
+def sender(rendezvous: Rendezvous) -> Iterator[Link]:
+    with Link(rendezvous.config) as link:
+        yield link
+
+
+@pytest.fixture
+def reader(rendezvous: Rendezvous) -> Iterator[Link]:
+    with Link(rendezvous.config) as link:
+        yield link
+
+
+def put(link: Link, key: str, payload: bytes) -> None:
+    link.session.put(
+        f"wackel/{link.config.robot}/{key}",
+        payload,
+        congestion_control=zenoh.CongestionControl.BLOCK,
+    )
+
+
+def test_messages_of_several_topics_are_handled_in_the_order_of_their_arrival(
+    sender: Link, reader: Link
+) -> None:
+    heard: list[str] = []
+    reader.subscribe(keys.STATE, lambda key, _: heard.append(key))
+    reader.subscribe(keys.IMU, lambda key, _: heard.append(key))
+    state = wire.encode(BusState(stamp=1, servos=[]))
+    sample = wire.encode(ImuSample(stamp=1, angular_velocity=(0.0, 0.0, 0.0)))
+
+    def linked() -> bool:
+        put(sender, "bus/main/state", state)
+        reader.pump(0.05)
+        return bool(heard)
+
+    wait_until(linked)
+    sent = [("bus/a/state", state), ("imu/b", sample), ("imu/b", sample), ("bus/a/state", state)]
+    for key, payload in sent * 20:
+        put(sender, key, payload)
+    put(sender, "bus/last/state", state)
+    # All of them wait already when the reader turns to them.
+    wait_until(lambda: len(waiting(reader)) > 80)
+    reader.pump(0.05)
+    assert heard[-81:] == [key for key, _ in sent] * 20 + ["bus/last/state"]
+
+
+def test_a_message_too_long_is_refused_counted_and_told(sender: Link, reader: Link) -> None:
+    heard: list[BusCommand] = []
+    reader.subscribe(keys.COMMAND, lambda _, command: heard.append(command))
+    good = wire.encode(BusCommand(stamp=1, goals=[]))
+
+    def linked() -> bool:
+        put(sender, "bus/main/command", good)
+        reader.pump(0.05)
+        return bool(heard)
+
+    wait_until(linked)
+    put(sender, "bus/main/command", bytes(MOST_BYTES + 1))
+    wait_until(lambda: reader.rejected == 1, meanwhile=lambda: reader.pump(0.05))
+    assert reader.rejection == (
+        f"bus/main/command: {MOST_BYTES + 1} bytes; no message has more than {MOST_BYTES}"
+    )
+    put(sender, "bus/main/command", bytes(64 * MOST_BYTES))  # Zenoh itself drops it
+    heard.clear()
+    put(sender, "bus/main/command", good)
+    wait_until(lambda: bool(heard), meanwhile=lambda: reader.pump(0.05))
+    assert reader.rejected == 1
+
+
+def test_what_is_told_of_a_refusal_fits_a_terminal(sender: Link, reader: Link) -> None:
+    reader.subscribe(keys.COMMAND, lambda _, command: None)
+
+    def refused() -> bool:
+        put(sender, "bus/\x1b[31m" + "x" * 300 + "/command", b"\xc1")
+        reader.pump(0.05)
+        return reader.rejected > 0
+
+    wait_until(refused)
+    assert len(reader.rejection) <= 200
+    assert reader.rejection.isprintable()
+
+
+def test_what_waits_for_a_busy_reader_is_bounded_in_bytes(sender: Link, reader: Link) -> None:
+    reader.subscribe_raw(keys.FAULT, lambda _, payload: None)
+
+    def linked() -> bool:
+        put(sender, "fault/flood", b"\x80")
+        return bool(waiting(reader))
+
+    wait_until(linked)
+    for _ in range(60):
+        put(sender, "fault/flood", bytes(MOST_BYTES))
+    wait_until(lambda: reader.overrun >= 40)
+    assert sum(waiting(reader)) <= 16 * MOST_BYTES
+
+
+def waiting(link: Link) -> list[int]:
+    """Sizes of the messages that have arrived and were not yet handled."""
+    return [arrival.size for inbox in link._inboxes for arrival in inbox._items]
+
+
+def test_a_request_too_long_is_refused_in_words(sender: Link, reader: Link) -> None:
+    reader.serve(
+        keys.HEALTH_REQUEST, lambda _: HealthReply(stamp=1, ok=True, text="not to be reached")
+    )
+    replies: list[zenoh.Reply] = []
+    key = f"wackel/{sender.config.robot}/health/request"
+    collect = Callback(replies.append, indirect=False)
+    sender.session.get(key, collect, payload=bytes(MOST_BYTES + 1))
+    wait_until(lambda: bool(replies), meanwhile=lambda: reader.pump(0.05))
+    assert replies[0].err is not None
+    assert "no request has more than" in replies[0].err.payload.to_string()
