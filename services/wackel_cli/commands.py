@@ -24,6 +24,7 @@ GROUPS: dict[str, dict[str, Command]] = {
     },
     "Look at it": {
         "top": Command("wackel_cli.top", "live view of buses, servos and faults"),
+        "health": Command("wackel_cli.health", "what is wrong and what to do; acknowledge, clear"),
         "echo": Command("wackel_cli.echo", "print what is published on a topic"),
         "record": Command("wackel_recorder.__main__", "record all topics into an MCAP file"),
         "play": Command("wackel_playback.__main__", "publish a recording in the robot's place"),
@@ -31,6 +32,7 @@ GROUPS: dict[str, dict[str, Command]] = {
     },
     "Set it up": {
         "scan": Command("wackel_gateway.scan", "find servos and write a robot.toml"),
+        "servo": Command("wackel_cli.servo", "ping, read, write or reboot one servo"),
         "doctor": Command("wackel_cli.doctor", "check what is most often wrong on a computer"),
         "config": Command("wackel_cli.config", "check robot.toml and print it with all defaults"),
         "schema": Command("wackel_cli.schema", "JSON Schemas of all messages"),
