@@ -1,0 +1,106 @@
+"""``wackel servo``: talk to one servo of a running robot, through its gateway."""
+
+import argparse
+import sys
+from typing import Literal
+
+import msgspec
+
+from wackel_node.arguments import add_config, config_of
+from wackel_node.config import RobotConfig
+from wackel_node.errors import FAILED, OK, USAGE, Explained
+from wackel_node.link import Link, NotReached
+from wackel_schemas import keys
+from wackel_schemas.bus import BusRequest
+
+_EPILOG = """\
+examples:
+  wackel servo ping 5
+  wackel servo reboot 5                     the only way to clear a hardware error
+  wackel servo read 5 present_position
+  wackel servo write 5 return_delay_time 0  the raw value, as in the model's control table
+  wackel servo factory-reset 5 --yes        all registers but id and baud rate
+
+The gateway does it between two cycles, so the robot goes on meanwhile. In the modes proxy and tap
+the gateway sends nothing of its own: there the control software has to do it.
+
+exit codes: 0 done, 1 the servo did not do it, 2 wrong usage, 3 no robot reached
+"""
+_TIMEOUT_S = 5.0  # a reboot and a write that moves into EEPROM wait for the servo
+
+_OPERATIONS: dict[str, Literal["ping", "reboot", "read", "write", "factory_reset"]] = {
+    "ping": "ping",
+    "reboot": "reboot",
+    "read": "read",
+    "write": "write",
+    "factory-reset": "factory_reset",
+}
+
+
+class _BadUsage(Explained):
+    exit_code = USAGE
+
+
+def main(argv: list[str]) -> int:
+    """Asks the gateway; returns the exit code."""
+    arguments = _parser().parse_args(argv)
+    config = config_of(arguments)
+    bus = arguments.bus or _only_bus(config)
+    if bus not in config.buses:
+        raise _BadUsage(f"there is no bus {bus!r}; known are {', '.join(config.buses) or 'none'}")
+    if arguments.operation == "factory-reset" and not arguments.yes:
+        raise _BadUsage(f"this erases what servo {arguments.id} was set to; say so with --yes")
+    request = BusRequest(
+        operation=_OPERATIONS[arguments.operation],
+        id=arguments.id,
+        register=getattr(arguments, "register", None),
+        value=getattr(arguments, "value", None),
+    )
+    with Link(config) as link:
+        try:
+            reply = link.ask(keys.BUS_REQUEST, request, _TIMEOUT_S, bus=bus)
+        except TimeoutError as error:
+            raise NotReached(
+                f"no gateway of bus {bus} answers: start it with `wackel up`"
+            ) from error
+    if arguments.json:
+        print(msgspec.json.format(msgspec.json.encode(reply), indent=2).decode())
+    else:
+        print(reply.text, file=sys.stdout if reply.ok else sys.stderr)
+    return OK if reply.ok else FAILED
+
+
+def _parser() -> argparse.ArgumentParser:
+    common = argparse.ArgumentParser(add_help=False)
+    common.add_argument("id", type=int, metavar="ID", help="of the servo, 0 to 252")
+    common.add_argument("--bus", metavar="B", help="which bus, if there are several")
+    common.add_argument("--json", action="store_true", help="print the answer as JSON")
+    add_config(common)
+    parser = argparse.ArgumentParser(
+        prog="wackel servo",
+        description="Pings, reads, writes or reboots one servo of a running robot.",
+        epilog=_EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    operations = parser.add_subparsers(dest="operation", required=True, metavar="OPERATION")
+    operations.add_parser("ping", parents=[common], help="whether it answers, and its model number")
+    operations.add_parser("reboot", parents=[common], help="restart it: clears a hardware error")
+    read = operations.add_parser("read", parents=[common], help="read a register")
+    read.add_argument("register", metavar="REGISTER", help="name, such as present_position")
+    write = operations.add_parser("write", parents=[common], help="write a register")
+    write.add_argument("register", metavar="REGISTER", help="name, such as return_delay_time")
+    write.add_argument("value", metavar="VALUE", type=int, help="raw value")
+    reset = operations.add_parser("factory-reset", parents=[common], help="erase its settings")
+    reset.add_argument("--yes", action="store_true", help="yes, erase them")
+    return parser
+
+
+def _only_bus(config: RobotConfig) -> str:
+    if len(config.buses) == 1:
+        return next(iter(config.buses))
+    known = f"there are {', '.join(config.buses)}" if config.buses else "robot.toml lists none"
+    raise _BadUsage(f"say which bus with --bus; {known}")
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

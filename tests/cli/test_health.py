@@ -1,0 +1,89 @@
+"""``wackel health`` against a running robot, and what it prints."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests import robot
+from wackel_cli.health import as_text, main
+from wackel_schemas.health import FaultRecord, Health, ServiceHealth
+
+
+def record(**settings: object) -> FaultRecord:
+    return FaultRecord(
+        **{  # type: ignore[arg-type]
+            "code": "cable_break",
+            "component": "bus/main/cable/1-2",
+            "source": "classifier",
+            "severity": "fault",
+            "status": "confirmed",
+            "message": "The cable is disconnected.",
+            "remedy": "Push both plugs home.",
+            "confidence": 1.0,
+            "first": 1,
+            "last": 2,
+            **settings,
+        }
+    )
+
+
+def test_every_fault_stands_there_with_place_and_remedy_and_services_only_if_not_ready() -> None:
+    health = Health(
+        stamp=1,
+        level="fault",
+        summary="Two things.",
+        faults=[
+            record(suspects=["bus/main/servo/2"]),
+            record(status="healed", occurrences=3, acknowledged=True),
+        ],
+        services=[
+            ServiceHealth(name="gateway/main", status="ready", since=1),
+            ServiceHealth(name="odometry/main", status="crashed", since=1, reason="ValueError"),
+        ],
+    )
+    assert as_text(health).plain.splitlines() == [
+        "Two things.",
+        "confirmed The cable is disconnected.",
+        "          cable_break bus/main/cable/1-2",
+        "          or else: bus/main/servo/2",
+        "          → Push both plugs home.",
+        "healed    The cable is disconnected.",
+        "          cable_break bus/main/cable/1-2, acknowledged, 3 times",
+        "crashed   odometry/main: ValueError",
+    ]
+
+
+@pytest.mark.process
+def test_a_fault_is_shown_acknowledged_and_once_healed_cleared(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with robot.running(robot.chain(tmp_path, 3), tmp_path) as running:
+        config = ["--config", str(tmp_path / "robot.toml")]
+        running.wait(running.ready)
+        assert main(config) == 0
+        running.inject("break", 3)
+        cable = "bus/main/cable/2-3"
+        running.wait(lambda: running.confirmed("cable_break", cable))
+        assert main(config) == 1
+        assert "Push both plugs" in capsys.readouterr().out
+        assert main(["ack", "cable_break", cable, *config]) == 0
+        assert main(["clear", "cable_break", cable, *config]) == 1
+        assert "1 still active" in capsys.readouterr().err
+        running.heal()
+        running.wait(running.ready)
+        assert main(["clear", *config]) == 0
+        capsys.readouterr()
+        assert main(["--json", *config]) == 0
+        faults = json.loads(capsys.readouterr().out)["health"].get("faults", [])
+        assert "cable_break" not in {fault["code"] for fault in faults}
+        assert main(["ack", "cable_break", cable, *config]) == 1
+        assert "in memory" in capsys.readouterr().err
+
+
+def test_a_fault_without_its_place_is_wrong_usage(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments in (["ack", "overload"], ["show", "overload", "bus/main/servo/1"], ["forget"]):
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        assert ended.value.code == 2
+    assert "Its component is missing" in capsys.readouterr().err
