@@ -91,7 +91,7 @@ class Sensors:
 
     def _voltage(self, _: int) -> int:
         # In between two values the last digit flickers.
-        return round(self.volts * 10 + self._random.uniform(-0.6, 0.6))
+        return max(0, round(self.volts * 10 + self._random.uniform(-0.6, 0.6)))
 
     def _temperature(self, at_ns: int) -> int:
         self._motion.advance(at_ns)

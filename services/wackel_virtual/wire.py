@@ -577,7 +577,9 @@ class Wire:
         )
         for position, servo in enumerate(self.servos):
             if chain.powered[position]:
-                servo.feel_voltage(conditions.servo_volts.get(position, volts[position]), at_ns)
+                # Servos that starve go on working here; less than nothing no supply gives.
+                felt = max(0.0, volts[position])
+                servo.feel_voltage(conditions.servo_volts.get(position, felt), at_ns)
 
 
 @lru_cache(maxsize=64)

@@ -454,3 +454,15 @@ def test_every_kind_begins_and_ends_without_trace_of_an_error(kind):
     wait(on, 3)
     assert on.active() == []
     assert ids(ask(on, packet.sync_read([1, 2, 3], 132, 4))) == [1, 2, 3]
+
+
+@pytest.mark.parametrize("kind", [name for name, kind in KINDS.items() if kind.value])
+def test_the_servos_outlive_the_least_and_the_most_of_every_fault(kind):
+    for value in (KINDS[kind].least, KINDS[kind].most):
+        on = bus(5)
+        inject(on, kind, servo=3 if KINDS[kind].place != "bus" else None, value=value)
+        for _ in range(3):
+            ask(on, READ_ALL)
+            ask(on, packet.sync_read(range(1, 6), 144, 3))
+            wait(on, 0.3)
+        on.heal()
