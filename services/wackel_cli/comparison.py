@@ -18,7 +18,7 @@ class Difference(Record, kw_only=True):
     """One difference.
 
     Attributes:
-        report: Which: ``<number on its bus> <code> <component> <status>``.
+        report: Which: ``<number on its part> <code> <component> <status>``.
         path: Of the field, ``evidence.values.failure_rate``; empty: the whole report.
         live, replayed: The values; ``None`` where there is none.
     """
@@ -35,11 +35,14 @@ class Difference(Record, kw_only=True):
 
 
 def differences(live: Iterable[FaultReport], replayed: Iterable[FaultReport]) -> list[Difference]:
-    """Compares report by report, each bus by itself: only within a bus is there an order."""
+    """Compares the reports of one source, each bus, wheel or sensor by itself.
+
+    Only within one of them is there an order.
+    """
     found: list[Difference] = []
-    lives, replays = _by_bus(live), _by_bus(replayed)
-    for bus in sorted(lives.keys() | replays.keys()):
-        found += _compare(lives[bus], replays[bus])
+    lives, replays = _by_part(live), _by_part(replayed)
+    for part in sorted(lives.keys() | replays.keys()):
+        found += _compare(lives[part], replays[part])
     return found
 
 
@@ -72,11 +75,11 @@ def _fields(report: str, live: Any, replayed: Any, path: str = "") -> Iterator[D
         yield from _fields(report, one, other, f"{path}.{key}" if path else str(key))
 
 
-def _by_bus(reports: Iterable[FaultReport]) -> defaultdict[str, list[FaultReport]]:
-    buses: defaultdict[str, list[FaultReport]] = defaultdict(list)
+def _by_part(reports: Iterable[FaultReport]) -> defaultdict[str, list[FaultReport]]:
+    parts: defaultdict[str, list[FaultReport]] = defaultdict(list)
     for report in reports:
-        buses["/".join(report.component.split("/")[:2])].append(report)
-    return buses
+        parts["/".join(report.component.split("/")[:2])].append(report)
+    return parts
 
 
 def _name(report: FaultReport) -> str:

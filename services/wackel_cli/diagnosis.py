@@ -1,6 +1,6 @@
 """The diagnosis of a recording: the cores in one process, fed with what was recorded.
 
-No clock and no Zenoh: two runs over one recording give the same reports, byte for byte.
+No clock and no Zenoh: two runs over one recording give the same messages, byte for byte.
 """
 
 from collections.abc import Iterable, Iterator
@@ -9,12 +9,16 @@ from wackel_classifier.core import BusClassifier
 from wackel_node.config import RobotConfig
 from wackel_recording.reader import Entry
 from wackel_schemas import wire
-from wackel_schemas.bus import Transaction
+from wackel_schemas.bus import BusState, Transaction
+from wackel_schemas.drive import ImuSample, Odometry
 from wackel_schemas.fault import FaultReport
 from wackel_schemas.health import Heartbeat
-from wackel_schemas.keys import ALIVE, FAULT, TRANSACTION, chunk_of, topic_of
+from wackel_schemas.keys import ALIVE, FAULT, IMU, STATE, TRANSACTION, chunk_of, topic_of
+from wackel_schemas.message import Message
 
-CLASSIFIER = "classifier"
+CLASSIFIER, ODOMETRY = "classifier", "odometry"
+SOURCES = (CLASSIFIER, ODOMETRY)
+"""The services that are run anew, by the names under which they report faults."""
 _ON_ITS_WAY_NS = 1_000_000_000
 
 
@@ -22,20 +26,22 @@ class Diagnosis:
     """One recording, diagnosed anew.
 
     Attributes:
-        reports: What was concluded, each with the recorded time of arrival, ns, of the
-            transaction that it follows from.
-        live: What the live classifier concluded in the recording, without repetitions.
-        heartbeats: The first heartbeat of each start of the live classifier.
+        reports: What each source concluded, with the recorded time of arrival, ns, of the message
+            that it follows from.
+        live: What each live source concluded in the recording, without repetitions.
+        heartbeats: The first heartbeat of each start of each live source.
         transactions: How many there were.
+        odometry: The last one; absent where the robot has no wheels.
         skipped: For each key, how many of its messages were not used, and why the first was not.
-        first_ns: Stamp of the first transaction; absent before it.
+        first_ns: Stamp of the first transaction or state; absent before it.
     """
 
     def __init__(self, config: RobotConfig) -> None:
-        self.reports: list[tuple[int, FaultReport]] = []
-        self.live: list[FaultReport] = []
-        self.heartbeats: dict[int, Heartbeat] = {}
+        self.reports: dict[str, list[tuple[int, FaultReport]]] = {name: [] for name in SOURCES}
+        self.live: dict[str, list[FaultReport]] = {name: [] for name in SOURCES}
+        self.heartbeats: dict[str, dict[int, Heartbeat]] = {name: {} for name in SOURCES}
         self.transactions = 0
+        self.odometry: Odometry | None = None
         self.skipped: dict[str, tuple[int, str]] = {}
         self.first_ns: int | None = None
         self._begin_ns: int | None = None
@@ -43,33 +49,34 @@ class Diagnosis:
         self._classifiers = {
             name: BusClassifier(name, bus, config.classifier) for name, bus in config.buses.items()
         }
+        self._odometer = None
+        if config.drive is not None:
+            from wackel_odometry.core import Odometer
 
-    @staticmethod
-    def wants(key: str) -> bool:
+            self._odometer = Odometer(config.drive, config.gyros)
+
+    def wants(self, key: str) -> bool:
         """Whether :meth:`run` uses messages of a key."""
         topic = topic_of(key)
         if topic is FAULT:
-            return chunk_of(topic, key, "source") == CLASSIFIER
+            return chunk_of(topic, key, "source") in SOURCES
         if topic is ALIVE:
-            return chunk_of(topic, key, "service") == CLASSIFIER
-        return topic is TRANSACTION
+            return chunk_of(topic, key, "service") in SOURCES
+        return topic is TRANSACTION or (topic in (STATE, IMU) and self._odometer is not None)
 
-    def run(self, entries: Iterable[Entry]) -> Iterator[FaultReport]:
-        """Takes in all of them; yields each report as soon as it is concluded."""
+    def run(self, entries: Iterable[Entry]) -> Iterator[FaultReport | Odometry]:
+        """Takes in all of them; yields what follows from each as soon as it is concluded."""
         for key, arrived_ns, _, payload in entries:
             self._begin_ns = arrived_ns if self._begin_ns is None else self._begin_ns
             self._end_ns = arrived_ns
-            topic = topic_of(key)
             try:
-                if topic is TRANSACTION:
-                    yield from self._diagnose(key, arrived_ns, wire.decode(payload, Transaction))
-                elif topic is FAULT:
-                    report = wire.decode(payload, FaultReport)
-                    if not report.repeated:
-                        self.live.append(report)
-                elif topic is ALIVE:
-                    heartbeat = wire.decode(payload, Heartbeat)
-                    self.heartbeats.setdefault(heartbeat.boot, heartbeat)
+                for source, message in self._conclude(key, payload):
+                    if isinstance(message, FaultReport):
+                        self.reports[source].append((arrived_ns, message))
+                        yield message
+                    elif isinstance(message, Odometry):
+                        self.odometry = message
+                        yield message
             except wire.Rejected as error:
                 self._skip(key, str(error))
 
@@ -78,33 +85,57 @@ class Diagnosis:
         """From the arrival of the first message to that of the last."""
         return 0 if self._begin_ns is None else self._end_ns - self._begin_ns
 
-    def reports_heard(self) -> list[FaultReport]:
-        """The reports that a recorder could have heard from the live classifier.
+    def reports_heard(self, source: str) -> list[FaultReport]:
+        """The reports that a recorder could have heard from a live source.
 
         What was concluded at the very end may have been on its way when the recording ended: it
         counts only if the live report is there.
         """
-        arrived = {(r.code, r.component, r.status, r.stamp) for r in self.live}
+        arrived = {(r.code, r.component, r.status, r.stamp) for r in self.live[source]}
         return [
             r
-            for at_ns, r in self.reports
+            for at_ns, r in self.reports[source]
             if at_ns < self._end_ns - _ON_ITS_WAY_NS
             or (r.code, r.component, r.status, r.stamp) in arrived
         ]
 
-    def _diagnose(
-        self, key: str, arrived_ns: int, transaction: Transaction
-    ) -> Iterator[FaultReport]:
-        self.transactions += 1
+    def _conclude(self, key: str, payload: bytes) -> Iterator[tuple[str, Message]]:
+        """What follows from a message, each with its source.
+
+        Raises:
+            wire.Rejected: The message cannot be used.
+        """
+        topic = topic_of(key)
+        if topic is TRANSACTION:
+            transaction = wire.decode(payload, Transaction)
+            self.transactions += 1
+            self._began(transaction.stamp)
+            classifier = self._classifiers.get(chunk_of(topic, key, "bus"))
+            if classifier is None:
+                raise wire.Rejected("the configuration has no such bus")
+            for report in classifier.step(transaction):
+                yield CLASSIFIER, report
+        elif topic is STATE and self._odometer is not None:
+            state = wire.decode(payload, BusState)
+            self._began(state.stamp)
+            for message in self._odometer.bus_state(chunk_of(topic, key, "bus"), state):
+                yield ODOMETRY, message
+        elif topic is IMU and self._odometer is not None:
+            sample = wire.decode(payload, ImuSample)
+            for message in self._odometer.imu(chunk_of(topic, key, "name"), sample):
+                yield ODOMETRY, message
+        elif topic is FAULT:
+            report = wire.decode(payload, FaultReport)
+            if not report.repeated:
+                self.live[chunk_of(topic, key, "source")].append(report)
+        elif topic is ALIVE:
+            heartbeat = wire.decode(payload, Heartbeat)
+            boots = self.heartbeats[chunk_of(topic, key, "service")]
+            boots.setdefault(heartbeat.boot, heartbeat)
+
+    def _began(self, stamp: int) -> None:
         if self.first_ns is None:
-            self.first_ns = transaction.stamp
-        classifier = self._classifiers.get(chunk_of(TRANSACTION, key, "bus"))
-        if classifier is None:
-            self._skip(key, "the configuration has no such bus")
-            return
-        for report in classifier.step(transaction):
-            self.reports.append((arrived_ns, report))
-            yield report
+            self.first_ns = stamp
 
     def _skip(self, key: str, reason: str) -> None:
         count, first_reason = self.skipped.get(key, (0, reason))

@@ -12,13 +12,15 @@ import msgspec
 from rich.console import Console
 from rich.progress import Progress
 
-from wackel_cli.comparison import differences
-from wackel_cli.diagnosis import Diagnosis
+from wackel_cli.comparison import Difference, differences
+from wackel_cli.diagnosis import SOURCES, Diagnosis
 from wackel_cli.lines import printable
+from wackel_node.algebra import single_threaded
 from wackel_node.arguments import add_config
 from wackel_node.config import RobotConfig, load, parse
 from wackel_node.errors import FAILED, OK, Explained
 from wackel_recording.reader import Entry, Recording, open_recordings
+from wackel_schemas.drive import Odometry
 from wackel_schemas.fault import FaultReport
 
 _PATIENCE_S = 2.0
@@ -36,12 +38,14 @@ class NotWritable(Explained, OSError):
 def main(argv: list[str]) -> int:
     """Runs the command; returns its exit code."""
     arguments = _parser().parse_args(argv)
+    single_threaded()
     recordings = open_recordings(arguments.files)
     with ExitStack() as stack:
         output = _open(arguments.output, stack)
+        odometry = _open(arguments.odometry, stack)
         same = True
         for recording in recordings:
-            same = _replay(recording, arguments, output) and same
+            same = _replay(recording, arguments, output, odometry) and same
     return OK if same else FAILED
 
 
@@ -49,8 +53,8 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="wackel replay",
         description="Diagnoses recordings anew, with this version of wackel, and prints every "
-        "fault that begins, changes or heals. Runs as fast as it goes; the same recording always "
-        "gives the same output.",
+        "fault of the buses and of the odometry that begins, changes or heals. Runs as fast as it "
+        "goes; the same recording always gives the same output.",
         epilog="Exit code 1 if --compare finds a difference.",
     )
     parser.add_argument("files", metavar="FILE", nargs="+", type=Path, help="of a recording")
@@ -59,11 +63,14 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--compare",
         action="store_true",
-        help="compare with what the live classifier concluded in the same recording",
+        help="compare with what the live services concluded in the same recording",
     )
     parser.add_argument("--json", action="store_true", help="whole reports as JSON lines")
     parser.add_argument(
         "-o", "--output", metavar="FILE", type=Path, help="also write them as JSON lines to FILE"
+    )
+    parser.add_argument(
+        "--odometry", metavar="FILE", type=Path, help="write the odometry as JSON lines to FILE"
     )
     return parser
 
@@ -83,15 +90,24 @@ def _config(arguments: argparse.Namespace, recording: Recording) -> RobotConfig:
     return parse(recording.about.config, str(recording.files[0].path))
 
 
-def _replay(recording: Recording, arguments: argparse.Namespace, output: TextIO | None) -> bool:
+def _replay(
+    recording: Recording,
+    arguments: argparse.Namespace,
+    output: TextIO | None,
+    odometry: TextIO | None,
+) -> bool:
     """Whether nothing differs."""
     diagnosis = Diagnosis(_config(arguments, recording))
     started_s = time.monotonic()
-    for report in diagnosis.run(_with_progress(recording.entries(Diagnosis.wants), recording)):
-        line = msgspec.json.encode(report).decode()
+    for message in diagnosis.run(_with_progress(recording.entries(diagnosis.wants), recording)):
+        if isinstance(message, Odometry):
+            if odometry is not None:
+                print(msgspec.json.encode(message).decode(), file=odometry)
+            continue
+        line = msgspec.json.encode(message).decode()
         if output is not None:
             print(line, file=output)
-        print(line if arguments.json else _line(report, diagnosis.first_ns or 0))
+        print(line if arguments.json else _line(message, diagnosis.first_ns or 0))
     _summarise(diagnosis, recording, time.monotonic() - started_s)
     return not arguments.compare or _compare(diagnosis, recording, arguments.json)
 
@@ -125,12 +141,20 @@ def _with_progress(entries: Iterable[Entry], recording: Recording) -> Iterator[E
 def _summarise(diagnosis: Diagnosis, recording: Recording, took_s: float) -> None:
     """What is not a conclusion goes to stderr, so that the output is always the same."""
     span_s = diagnosis.span_ns / 1e9
+    changes = sum(map(len, diagnosis.reports.values()))
     print(
-        f"{recording.files[0].path}: {len(diagnosis.reports)} changes in {diagnosis.transactions} "
+        f"{recording.files[0].path}: {changes} changes in {diagnosis.transactions} "
         f"transactions of {span_s:.1f} s; took {took_s:.2f} s, {span_s / took_s:.0f} times real "
         "time",
         file=sys.stderr,
     )
+    end = diagnosis.odometry
+    if end is not None:
+        doubt = "" if end.valid else f", not valid: {end.reason}"
+        print(
+            f"  odometry ends at {end.x:+.3f} {end.y:+.3f} m, {end.theta:+.4f} rad{doubt}",
+            file=sys.stderr,
+        )
     for key, (count, reason) in diagnosis.skipped.items():
         print(printable(f"  {key}: {count} messages not used: {reason}"), file=sys.stderr)
     for text in recording.damage:
@@ -139,16 +163,21 @@ def _summarise(diagnosis: Diagnosis, recording: Recording, took_s: float) -> Non
 
 def _compare(diagnosis: Diagnosis, recording: Recording, json: bool) -> bool:
     """Prints what differs; whether nothing does."""
-    if not (diagnosis.heartbeats or diagnosis.live):
-        raise NotComparable(f"{recording.files[0].path}: no live classifier was recorded")
-    if any(heartbeat.received for heartbeat in diagnosis.heartbeats.values()):
-        print("  the live classifier knew what came before the recording", file=sys.stderr)
-    if len(diagnosis.heartbeats) > 1:
-        print("  the live classifier was restarted and had to forget", file=sys.stderr)
-    found = differences(diagnosis.live, diagnosis.reports_heard())
+    sources = [name for name in SOURCES if diagnosis.heartbeats[name] or diagnosis.live[name]]
+    if not sources:
+        raise NotComparable(f"{recording.files[0].path}: no live service was recorded")
+    found: list[Difference] = []
+    for name in sources:
+        boots = diagnosis.heartbeats[name]
+        if any(heartbeat.received for heartbeat in boots.values()):
+            print(f"  the live {name} knew what came before the recording", file=sys.stderr)
+        if len(boots) > 1:
+            print(f"  the live {name} was restarted and had to forget", file=sys.stderr)
+        found += differences(diagnosis.live[name], diagnosis.reports_heard(name))
     for difference in found:
         print(msgspec.json.encode(difference).decode() if json else printable(str(difference)))
-    print(f"  {len(found)} differences from {len(diagnosis.live)} live reports", file=sys.stderr)
+    live = sum(map(len, diagnosis.live.values()))
+    print(f"  {len(found)} differences from {live} live reports", file=sys.stderr)
     return not found
 
 

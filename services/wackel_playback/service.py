@@ -16,6 +16,8 @@ from wackel_schemas.keys import ALIVE, ROOT, topic_of
 KEY_S = 0.05  # how often the keyboard is looked at: sooner than a person notices
 _LISTENERS_S = 2.0  # a service that runs is linked within 25 ms; later it is not there
 _SETTLE_S = 0.2  # the slowest of several, after the first
+_SENSORS = ["gateway", "imu"]
+_CONCLUDING = ["classifier", "odometry", "diagnoser", "aggregator"]
 
 
 def is_played(key: str, with_derived: bool) -> bool:
@@ -32,7 +34,7 @@ def is_played(key: str, with_derived: bool) -> bool:
 
 def in_the_way(link: Link, with_derived: bool) -> str:
     """The running service whose topics a playback would write on; empty if there is none."""
-    services = ["gateway", "playback"] + (["classifier", "aggregator"] if with_derived else [])
+    services = [*_SENSORS, "playback"] + (_CONCLUDING if with_derived else [])
     prefix = f"{ROOT}/{link.config.robot}/"
     for service in services:
         key = prefix + ALIVE.key(service=service)
@@ -48,7 +50,8 @@ class Player:
     Attributes:
         messages: Published so far.
         position_s: Recorded time of the last of them.
-        intruder: The gateway that came up meanwhile and ended the playback; empty if none did.
+        intruder: The service that came up meanwhile, publishes the same topics and so ended the
+            playback; empty if none did.
     """
 
     def __init__(self, node: Node, keys: Callable[[], str]) -> None:
@@ -103,7 +106,7 @@ class Player:
         return publisher
 
     def _on_alive(self, name: str, alive: bool) -> None:
-        if alive and name.startswith("gateway/"):
+        if alive and name.partition("/")[0] in _SENSORS:
             self.intruder = name
             self._node.stop()
 

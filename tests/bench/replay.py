@@ -44,7 +44,7 @@ def run(*, quick: bool = False) -> Table:
     span_s = diagnosis.span_ns / 1e9
     return table(
         f"Replay: {span_s:.0f} s with {diagnosis.transactions} transactions, "
-        f"{len(diagnosis.reports)} reports",
+        f"{sum(map(len, diagnosis.reports.values()))} reports",
         [
             Figure("cores, times real time", span_s / cores_s, "×", None, 100.0, at_least=True),
             Figure("command, times real time", span_s / command_s, "×"),
@@ -71,7 +71,7 @@ def _diagnose(files: list[Path], robot_config: RobotConfig) -> tuple[Diagnosis, 
     diagnosis = Diagnosis(robot_config)
     begin_s = time.monotonic()
     for recording in open_recordings(files):
-        for _ in diagnosis.run(recording.entries(Diagnosis.wants)):
+        for _ in diagnosis.run(recording.entries(diagnosis.wants)):
             pass
     return diagnosis, time.monotonic() - begin_s
 

@@ -151,7 +151,7 @@ def test_without_live_conclusions_there_is_nothing_to_compare(
 ) -> None:
     transactions = [(key, payload) for key, payload in traffic if key.startswith("bus/")]
     path = write(tmp_path / "run.mcap", transactions)
-    with pytest.raises(ValueError, match="no live classifier was recorded"):
+    with pytest.raises(ValueError, match="no live service was recorded"):
         main([str(path), "--compare"])
 
 
