@@ -14,7 +14,9 @@ import msgspec
 from wackel_node.errors import USAGE, Explained
 from wackel_schemas.virtual import Injection
 
-Place = Literal["bus", "servo", "cable", "bus or servo"]
+Place = Literal["bus", "servo", "cable", "bus or servo", "robot", "drive", "steering", "any wheel"]
+"""What a fault concerns. The last four are of the drive: the whole robot; a wheel that is driven; a
+wheel that is steered; a wheel or the whole robot."""
 
 OVERLOAD = 1 << 5
 """Bit of Hardware Error Status (e-manual, X series, "Hardware Error Status(70)")."""
@@ -33,7 +35,7 @@ class Kind:
 
     Attributes:
         text: What happens on the wire.
-        place: What ``servo`` of an injection names: nothing, the servo, or the cable to it.
+        place: What ``servo`` or ``wheel`` of an injection names.
         value: What ``value`` means, with unit; empty if it has none.
         default: Its value where none is given.
         least, most: Its allowed range.
@@ -178,7 +180,9 @@ def checked(injection: Injection, ids: Sequence[int]) -> Injection:
     kind = KINDS.get(injection.kind)
     if kind is None:
         raise InjectionError(f"kind {injection.kind!r} is unknown; there are {', '.join(KINDS)}")
-    name, servo, value = injection.kind, injection.servo, injection.value
+    name, servo = injection.kind, injection.servo
+    if injection.wheel is not None:
+        raise InjectionError(f"{name} concerns the bus; leave out the wheel")
     if kind.place == "bus" and servo is not None:
         raise InjectionError(f"{name} concerns the whole bus; leave out the servo")
     if kind.place in ("servo", "cable") and servo is None:
@@ -186,6 +190,16 @@ def checked(injection: Injection, ids: Sequence[int]) -> Injection:
         raise InjectionError(f"{name} needs {which}; there are {_listed(ids)}")
     if servo is not None and servo not in ids:
         raise InjectionError(f"servo {servo} is not on this bus; there are {_listed(ids)}")
+    return of_strength(injection, kind)
+
+
+def of_strength(injection: Injection, kind: Kind) -> Injection:
+    """The injection with its default value filled in; value and times checked.
+
+    Raises:
+        InjectionError: A value or a time that it cannot have.
+    """
+    name, value = injection.kind, injection.value
     if value is None:
         value = kind.default
     elif not kind.value:

@@ -1,0 +1,74 @@
+"""The body of a robot on the floor: what its wheels are told, what the world does, what it does.
+
+Two bodies keep this contract: :mod:`wackel_virtual.fast_body` without contact physics, and
+:mod:`wackel_virtual.mujoco_body`. Both take the masses from here, so that they differ only in how
+a wheel touches the floor.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from wackel_kinematics.array import Bools, Floats
+
+GRAVITY = 9.81
+FRICTION = 0.8
+"""Of rubber on a dry, smooth floor."""
+GYRATION = 0.8
+"""Radius of gyration by L, the mean distance of the wheels: a body somewhat smaller than its
+footprint."""
+DROOP_M_S = 0.06
+"""What a driven wheel loses of its speed when it pushes with all its grip: velocity control without
+integral part, 4 % at 1.5 m/s."""
+MOST_EFFORT = 1.5
+"""Greatest torque of a motor, by that at which its tyre slips on a dry floor."""
+
+
+@dataclass(slots=True)
+class WheelStates:
+    """What holds the wheels now; arrays of n.
+
+    Attributes:
+        rate: At which a driven wheel is held, rad/s.
+        driven: Whether the motor holds it; else it rolls as the floor moves it.
+        blocked: Whether it is jammed.
+        steering: β at which it truly stands, rad.
+    """
+
+    rate: Floats
+    driven: Bools
+    blocked: Bools
+    steering: Floats
+
+
+@dataclass(slots=True)
+class World:
+    """What acts on the robot from outside.
+
+    Attributes:
+        friction: Coefficient under each wheel.
+        push: Force in the robot frame, and moment, per mass of the robot: m/s², m/s², m²/s².
+    """
+
+    friction: Floats
+    push: Floats
+
+
+class Body(Protocol):
+    """State after the last step.
+
+    Attributes:
+        pose: x, y and heading, the last not wrapped.
+        twist: In the robot frame.
+        angle: What each wheel has rolled since the start, rad.
+        rate: rad/s.
+        effort: Torque of each motor, by that at which its tyre slips on a dry floor.
+    """
+
+    pose: Floats
+    twist: Floats
+    angle: Floats
+    rate: Floats
+    effort: Floats
+
+    def step(self, wheels: WheelStates, world: World, duration_s: float) -> None:
+        """Move on."""
