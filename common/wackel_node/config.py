@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from wackel_node.config_drive import DriveConfig, GyroConfig, drive_problem
+from wackel_node.config_drive import DriveConfig, GyroConfig, drive_problem, gyro_problem
 from wackel_node.config_errors import first_problem
 from wackel_node.config_types import Name, Positive, Section, ServoId, Share
 from wackel_node.errors import USAGE, Explained
@@ -224,7 +224,10 @@ def _check(config: RobotConfig, name: str) -> None:
         if bus.port in ports:
             raise ConfigError(f"{where}.port = {bus.port!r}: bus {ports[bus.port]} has it already")
         ports[bus.port] = bus_name
+    problem = None
     if config.drive is not None:
         problem = drive_problem(config.drive, {b: config.buses[b].ids() for b in config.buses})
-        if problem:
-            raise ConfigError(f"{name}: {problem}")
+    polled = {b: (bus.ids(), bus.rate) for b, bus in config.buses.items() if bus.mode == "poll"}
+    problem = problem or gyro_problem(config.gyros, polled)
+    if problem:
+        raise ConfigError(f"{name}: {problem}")

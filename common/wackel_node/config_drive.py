@@ -12,6 +12,10 @@ DriveKind = Literal["steered", "differential", "tricycle", "ackermann", "mecanum
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 Direction = Annotated[int, Meta(extra={"values": (1, -1)})]
 # 80° is as far as the kinematics goes: beyond, a mecanum wheel pushes nothing.
+MOST_READ = 64
+"""Bytes of one read of a sensor: 0.7 ms at 1 Mbit/s, which each cycle pays."""
+RATE_FACTOR = 1.5
+"""A gyro's timer is within a few percent; the next setting of a sensor is twice or half."""
 Roller = Annotated[float, Meta(ge=-math.radians(80), le=math.radians(80))]
 
 
@@ -83,10 +87,35 @@ class DriveConfig(Section, kw_only=True, frozen=True):
     encoder_step: Positive = 2 * math.pi / 4096
 
 
+class GyroRegister(Section, kw_only=True, frozen=True):
+    """Where a device on a servo bus keeps its rate about one axis.
+
+    Attributes:
+        address: Of the first byte.
+        encoding: Of the value, low byte first.
+        scale: rad/s for a value of 1; negative where the axis points the other way.
+    """
+
+    address: Annotated[int, Meta(ge=0, le=0xFFFF)]
+    encoding: Literal["int16", "int32", "float32"] = "float32"
+    scale: float = 1.0
+
+    @property
+    def end(self) -> int:
+        """Address behind the last byte."""
+        return self.address + (2 if self.encoding == "int16" else 4)
+
+
 class GyroConfig(Section, kw_only=True, frozen=True):
     """One gyro, published on ``imu/<name>``; figures as in the data sheet of a common MEMS part.
 
     Attributes:
+        source: ``topic``: a driver of yours publishes it; ``bus``: the gateway reads it from a
+            device on a servo bus, once a cycle; ``iio``: ``wackel imu`` reads it from the kernel.
+        bus, id: Of source bus: where the device is.
+        registers: Of source bus: by axis of the sensor; an axis without shows 0. As on an OpenCR:
+            ``registers.z = { address = 68 }``.
+        device: Of source iio: its name (``lsm6dsl_gyro``) or path (``/dev/iio:device0``).
         axis: Which axis of the sensor points up.
         rate: Samples per second.
         noise_density: rad/s/√Hz (0.01 °/s/√Hz).
@@ -96,6 +125,11 @@ class GyroConfig(Section, kw_only=True, frozen=True):
         saturation: Greatest rate that it can measure, rad/s (2000 °/s).
     """
 
+    source: Literal["topic", "bus", "iio"] = "topic"
+    bus: Name | None = None
+    id: ServoId | None = None
+    registers: dict[Literal["x", "y", "z"], GyroRegister] = {}
+    device: str | None = None
     axis: Axis = "z"
     rate: Positive = 100.0
     noise_density: Positive = 0.0002
@@ -139,6 +173,24 @@ def drive_problem(drive: DriveConfig, buses: Mapping[str, Collection[int]]) -> s
         return "drive.wheels: the left and the right wheels must stand apart (y)"
     if all(math.hypot(*position(wheel)) == 0 for wheel in drive.wheels):
         return "drive.wheels: at least one must stand away from the origin"
+    return None
+
+
+def gyro_problem(
+    gyros: Mapping[str, GyroConfig], polled: Mapping[str, tuple[Collection[int], float]]
+) -> str | None:
+    """The first thing in the gyros that cannot be; ``None`` if they are all right.
+
+    Args:
+        gyros: The sections, by name.
+        polled: Servo ids and rate of each bus in mode poll.
+    """
+    for name, gyro in gyros.items():
+        problem = _source_problem(gyro) or (
+            _bus_problem(gyro, polled) if gyro.source == "bus" else None
+        )
+        if problem:
+            return f"gyros.{name}{problem}"
     return None
 
 
@@ -191,3 +243,38 @@ def _role_problem(kind: DriveKind, wheel: WheelConfig) -> str | None:
 def _both_sides(wheels: Sequence[WheelConfig]) -> bool:
     sides = [position(wheel)[1] for wheel in wheels]
     return min(sides) < 0 < max(sides)
+
+
+def _source_problem(gyro: GyroConfig) -> str | None:
+    of_source: dict[str, dict[str, object]] = {
+        "bus": {"bus": gyro.bus, "id": gyro.id, "registers": gyro.registers or None},
+        "iio": {"device": gyro.device},
+    }
+    for source, keys in of_source.items():
+        for key, value in keys.items():
+            if source == gyro.source and value is None:
+                return f".{key} is missing: source = {source!r} needs it"
+            if source != gyro.source and value is not None:
+                return f".{key} is useless without source = {source!r}"
+    return None
+
+
+def _bus_problem(
+    gyro: GyroConfig, polled: Mapping[str, tuple[Collection[int], float]]
+) -> str | None:
+    if gyro.bus is None or gyro.bus not in polled:
+        known = ", ".join(polled) or "none"
+        return f".bus = {gyro.bus!r}: there is no such bus in mode poll; known are {known}"
+    ids, rate = polled[gyro.bus]
+    if gyro.id in ids:
+        return f".id = {gyro.id}: bus {gyro.bus} has a servo of this id"
+    if gyro.axis[-1] not in gyro.registers:
+        return f".registers: axis {gyro.axis!r} points up, so {gyro.axis[-1]} must be there"
+    registers = gyro.registers.values()
+    if max(each.end for each in registers) - min(each.address for each in registers) > MOST_READ:
+        return f".registers: they must lie within {MOST_READ} bytes, to be read in one go"
+    if not 1 / RATE_FACTOR <= gyro.rate / rate <= RATE_FACTOR:
+        return (
+            f".rate = {gyro.rate:g}: it is read in every cycle of bus {gyro.bus}, {rate:g} a second"
+        )
+    return None

@@ -4,6 +4,7 @@ from time import monotonic_ns
 
 from wackel_gateway.commands import Refused, writes
 from wackel_gateway.exchange import Exchange
+from wackel_gateway.gyro import BusGyro
 from wackel_gateway.management import Management
 from wackel_gateway.outcome import Outcome
 from wackel_gateway.patience import Patience
@@ -15,12 +16,13 @@ from wackel_gateway.schedule import Job, Schedule, Stage
 from wackel_node.config import BusConfig
 from wackel_node.log import logger
 from wackel_node.node import Node
+from wackel_protocols.dynamixel2 import packet
 from wackel_schemas import keys
 from wackel_schemas.bus import BusCommand, BusReply, BusRequest
 
 _LOOK_S = 0.2  # at a rate of few cycles a second, a port that is gone shall still show at once
 _PUMP_NS = 5_000_000  # where cycles leave no pause, the node's messages get a turn so often
-_OF_A_CYCLE = (Stage.COMMAND, Stage.CYCLE, Stage.PLAIN, Stage.REST)
+_OF_A_CYCLE = (Stage.COMMAND, Stage.CYCLE, Stage.PLAIN, Stage.REST, Stage.DEVICE)
 
 
 class Poller:
@@ -31,8 +33,21 @@ class Poller:
         self._config = config
         self._reporter = reporter
         self._roster = reporter.roster
+        gyros = [
+            (BusGyro(gyro), node.publisher(keys.IMU, name=name))
+            for name, gyro in node.config.gyros.items()
+            if gyro.source == "bus" and gyro.bus == bus
+        ]
+        self._gyros = {
+            packet.read(gyro.id, gyro.block.address, gyro.block.length): (gyro, publisher)
+            for gyro, publisher in gyros
+        }
         self._schedule = Schedule(
-            self._roster, config.rate, fast=config.fast_sync_read, now_ns=monotonic_ns()
+            self._roster,
+            config.rate,
+            [(gyro.id, gyro.block) for gyro, _ in gyros],
+            fast=config.fast_sync_read,
+            now_ns=monotonic_ns(),
         )
         self._exchange: Exchange | None = None
         self._unpublished: Outcome | None = None
@@ -82,6 +97,18 @@ class Poller:
         if outcome is not None:
             self._reporter.publish(outcome)
             self._schedule.heard(outcome.answers)
+            if outcome.instruction in self._gyros and not outcome.answers.missing:
+                self._sense(outcome)
+
+    def _sense(self, outcome: Outcome) -> None:
+        """A gyro has answered."""
+        gyro, publisher = self._gyros[outcome.instruction]
+        # As with servos, the values are of the time at which the request had arrived.
+        stamp = self._node.clock.stamp_ns(outcome.sent_ns)
+        try:
+            publisher.put(gyro.sample(outcome.answers.statuses[0].parameters, stamp))
+        except Refused as refusal:
+            self._reporter.refused("gyro", refusal)
 
     def _look(self) -> None:
         if self._exchange is None:

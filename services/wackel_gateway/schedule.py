@@ -7,6 +7,8 @@ In a sync read each servo waits for the one before it, so a silent one silences 
 the rest is asked again in the same cycle without the first missing one, and every missing servo
 leaves the cycle until a ping of its own is answered. Pings also are how servos join at the start.
 A servo that is there thus never misses more than one cycle because of another.
+
+Devices that are no servos, such as a board with a gyro, are read behind them, each by itself.
 """
 
 from collections import deque
@@ -16,6 +18,7 @@ from enum import Enum, auto
 from heapq import heapify, heappop, heappush
 
 from wackel_gateway.roster import Block, Member, Roster
+from wackel_gateway.usual import Usual
 from wackel_protocols.dynamixel2 import packet
 from wackel_protocols.dynamixel2.answers import Answers
 from wackel_schemas.bus import Purpose
@@ -32,7 +35,8 @@ _FAST_PAUSE_NS = 60_000_000_000
 """Then fast reads are tried again so much later: it may have been a jammer's doing."""
 _SETBACK_NS = 10_000_000
 _MAX_SETBACK_NS = 1_000_000_000
-"""A servo that answers pings but no reads is tried again after 10 ms, 20 ms, … 1 s."""
+"""A servo that answers pings but no reads is tried again after 10 ms, 20 ms, … 1 s; a device that
+is silent, too."""
 _PING_BYTES = 3
 """What a ping's answer holds: model number and firmware."""
 
@@ -44,6 +48,7 @@ class Stage(Enum):
     CYCLE = auto()
     PLAIN = auto()
     REST = auto()
+    DEVICE = auto()
     PING = auto()
     SLOW = auto()
 
@@ -81,7 +86,15 @@ _SLOW = (
     # Only a write changes it; read as often as the others it also times each servo once more.
     _Slow(("return_delay_time",), 1_000_000_000),
 )
-_HARDWARE_ERROR = 1  # index into _SLOW
+_VOLTAGE, _HARDWARE_ERROR, _RETURN_DELAY = range(len(_SLOW))
+_SAG_V = 0.3
+"""Three steps of the voltage register: more than a servo that begins to move makes on sound cables."""
+_SWEEPS = 2
+"""Then all voltages are read so often at once: a diagnosis needs one that began after the change."""
+_SWEEP_PAUSE_NS = 2_000_000_000
+_DOUBTED_MOST = 4
+"""Servos at a time that are asked again because they answer at another time than usual; with more
+of them it is the adapter or the host, which these few show as well."""
 
 
 @dataclass(slots=True)
@@ -95,6 +108,23 @@ class _Presence:
     setbacks: int = 0  # times in a row it answered a ping but not the read that followed
     not_before_ns: int = 0
     waiting: bool = False  # is in one of the two queues for pings
+    usual: dict[Block, Usual] = field(default_factory=dict)  # when it answers alone
+    volts: float | None = None
+
+
+@dataclass(slots=True)
+class _Device:
+    """A device that every cycle reads."""
+
+    job: Job
+    missed: int = 0  # answers in a row
+    not_before_ns: int = 0
+
+    def done(self, answers: Answers, now_ns: int) -> None:
+        self.missed = self.missed + 1 if answers.missing else 0
+        if self.missed >= _SCATTERED_LIMIT:
+            setbacks = min(self.missed - _SCATTERED_LIMIT, 7)
+            self.not_before_ns = now_ns + min(_SETBACK_NS << setbacks, _MAX_SETBACK_NS)
 
 
 @dataclass(slots=True)
@@ -116,12 +146,29 @@ class Schedule:
         cycles: Cycles begun.
     """
 
-    def __init__(self, roster: Roster, rate: float, *, fast: bool, now_ns: int) -> None:
-        """``rate`` in Hz; ``fast``: use Fast Sync Read where every servo's firmware knows it."""
+    def __init__(
+        self,
+        roster: Roster,
+        rate: float,
+        devices: Iterable[tuple[int, Block]] = (),
+        *,
+        fast: bool,
+        now_ns: int,
+    ) -> None:
+        """Starts with no servo known to be present.
+
+        Args:
+            roster: The servos.
+            rate: Cycles a second.
+            devices: Id and what to read of each device that is no servo.
+            fast: Use Fast Sync Read where every servo's firmware knows it.
+            now_ns: Now.
+        """
         self._roster = roster
         self._period_ns = round(1e9 / rate)
         self._fast_allowed = fast
         self._servos = {id_: _Presence(member) for id_, member in roster.members.items()}
+        self._devices = {(id_, block): _Device(_device_job(id_, block)) for id_, block in devices}
         self.cycles = 0
         self.restart(now_ns)
 
@@ -141,9 +188,15 @@ class Schedule:
         self._needs_proof = False  # some servo has joined without a read yet, or lost answers
         self._alerted: set[int] = set()
         self._urgent: deque[int] = deque()
+        self._doubted: dict[int, None] = {}  # servos to ask again, in order
+        self._control = 0  # whom to ask beside a single one of them
+        self._swept_ns = now_ns - _SWEEP_PAUSE_NS
+        self._sweep: deque[int] = deque()
         self._fresh: deque[int] = deque()
         self._silent: deque[int] = deque()
         self._slow: list[tuple[int, int, int]] = []
+        for device in self._devices.values():
+            device.missed = device.not_before_ns = 0
         for servo_id, servo in self._servos.items():
             servo.present = servo.proven = False
             servo.setbacks = servo.scattered = servo.not_before_ns = 0
@@ -184,6 +237,8 @@ class Schedule:
             self._fast_now = not self._fast_now
             self._cycle_jobs = None
         self._jobs.extend(self._cycle())
+        if self._devices:
+            self._jobs.extend(d.job for d in self._devices.values() if d.not_before_ns <= now_ns)
         if not self._jobs:
             return self._extra(now_ns)
         self.cycles += 1
@@ -195,6 +250,9 @@ class Schedule:
         match job.stage:
             case Stage.CYCLE | Stage.PLAIN | Stage.REST:
                 self._read(job, answers, ended_ns)
+            case Stage.DEVICE:
+                assert job.block is not None
+                self._devices[job.ids[0], job.block].done(answers, ended_ns)
             case Stage.PING:
                 self._spare_ns -= took_ns
                 self._pinged(job.ids[0], answers, took_ns, ended_ns)
@@ -203,6 +261,8 @@ class Schedule:
                 self._costs.add("slow", took_ns)
                 if answers.missing:
                     self._suspect(job.ids[0], ended_ns)
+                elif job.block is not None and answers.statuses:
+                    self._answered_alone(job.ids[0], job.block, answers, took_ns, ended_ns)
             case Stage.COMMAND:
                 pass
 
@@ -219,6 +279,7 @@ class Schedule:
                 else:
                     alerted.add(servo_id)
                     self._urgent.append(servo_id)
+                    self._read_voltages(now_ns)
 
     # The cycle.
 
@@ -399,6 +460,11 @@ class Schedule:
 def _read_job(stage: Stage, block: Block, ids: tuple[int, ...], *, fast: bool) -> Job:
     build = packet.fast_sync_read if fast and len(ids) > 1 else packet.sync_read
     return Job(stage, "cycle", build(ids, block.address, block.length), ids, block)
+
+
+def _device_job(device_id: int, block: Block) -> Job:
+    instruction = packet.read(device_id, block.address, block.length)
+    return Job(Stage.DEVICE, "cycle", instruction, (device_id,), block)
 
 
 def _is_fast(job: Job) -> bool:

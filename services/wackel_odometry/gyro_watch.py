@@ -3,7 +3,7 @@
 import math
 
 from wackel_drive.alignment import Step
-from wackel_node.config_drive import GyroConfig
+from wackel_node.config_drive import RATE_FACTOR, GyroConfig
 from wackel_odometry.reports import Complaint
 from wackel_odometry.time_offset import TimeOffset
 
@@ -22,8 +22,6 @@ FROZEN_TURN = 0.1
 FRESH_NS = 100_000_000
 """Two periods of a slow gyro; what turns while it sends nothing does not tell that it is stuck."""
 RATE_NS = 1_000_000_000
-RATE_FACTOR = 1.5
-"""A driver's timer is within a few percent; the next setting of a sensor is twice or half."""
 OFFSET_S = 0.02
 """At 5 rad/s², a quick turn's start, it makes an error of 0.1 rad/s."""
 OFFSET_SIGMAS = 5.0

@@ -2,7 +2,8 @@
 
 ``servo``, ``table``, ``indirect``, ``sensors``, ``motion``: one servo. ``chain``: cables, supply.
 ``adapter``: the USB adapter. ``framing``, ``groups``: how instructions are understood. ``wire``:
-all of them as discrete events. ``disturbance``, ``faults``, ``bus``: what can go wrong.
+all of them as discrete events. ``board``: a device that is no servo. ``disturbance``, ``faults``,
+``bus``: what can go wrong.
 ``scenario``: files that say what goes wrong when. ``port``, ``service``: the process.
 
 The bus is pure: time is an argument, so an hour of traffic takes seconds in a test::

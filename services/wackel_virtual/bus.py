@@ -6,6 +6,7 @@ from random import Random
 
 from wackel_node.config import BusConfig
 from wackel_schemas.virtual import Injection
+from wackel_virtual.board import Board
 from wackel_virtual.disturbance import Contact
 from wackel_virtual.faults import checked, conditions, matches
 from wackel_virtual.wire import Wire
@@ -36,9 +37,16 @@ class VirtualBus(Wire):
         loss: float = 0.0,
         firmware: Mapping[int, int] | None = None,
         tapped: bool = False,
+        boards: Mapping[int, Board] | None = None,
     ) -> None:
         super().__init__(
-            config, seed, latency_ms=latency_ms, loss=loss, firmware=firmware, tapped=tapped
+            config,
+            seed,
+            latency_ms=latency_ms,
+            loss=loss,
+            firmware=firmware,
+            tapped=tapped,
+            boards=boards,
         )
         self._seed = seed
         self._injected = 0

@@ -29,6 +29,7 @@ from wackel_node.config_errors import first_problem
 from wackel_node.config_types import Name, Positive, Share
 from wackel_node.toml_text import toml_text
 from wackel_schemas.virtual import Injection
+from wackel_virtual.board import boards
 from wackel_virtual.bus import VirtualBus
 from wackel_virtual.faults import InjectionError, checked
 
@@ -98,6 +99,7 @@ class Scenario(msgspec.Struct, kw_only=True, frozen=True):
                     latency_ms=self.latency_ms,
                     loss=self.loss,
                     tapped=name in self.taps,
+                    boards=boards(self.config.gyros, name),
                 )
             except ConfigError as error:
                 raise ConfigError(f"buses.{name}: {error}") from error

@@ -26,6 +26,7 @@ from wackel_protocols.dynamixel2.packet import (
 )
 from wackel_virtual import groups
 from wackel_virtual.adapter import Adapter
+from wackel_virtual.board import Board
 from wackel_virtual.chain import OPEN_OHM, Chain, voltages
 from wackel_virtual.disturbance import BitErrors, JammerStream, jammed_share, zeros
 from wackel_virtual.faults import Conditions
@@ -101,6 +102,7 @@ class Wire:
         loss: Share of answers that a healthy bus loses or damages (TTL without any shielding).
         firmware: Firmware versions that differ from the newest, by servo id.
         tapped: Whether a second adapter sits beside the first and hears both directions.
+        boards: Devices that are no servos, by id.
     """
 
     def __init__(
@@ -112,6 +114,7 @@ class Wire:
         loss: float = 0.0,
         firmware: Mapping[int, int] | None = None,
         tapped: bool = False,
+        boards: Mapping[int, Board] | None = None,
     ) -> None:
         self.ids = config.ids()
         self.now_ns = 0
@@ -129,6 +132,7 @@ class Wire:
             )
             for position, servo in enumerate(config.servos)
         ]
+        self.boards = dict(boards or {})
         self._nominal_volts = config.nominal_voltage or min(
             (servo.recommended_volts for servo in self.servos), default=12.0
         )
@@ -310,7 +314,9 @@ class Wire:
 
     def _obey(self, heard: Heard, packet: InstructionPacket, listening: list[Servo]) -> None:
         at_ns = heard.end_ns
-        if packet.id != BROADCAST_ID:
+        if packet.id in self.boards:
+            self._ask_board(self.boards[packet.id], heard, packet)
+        elif packet.id != BROADCAST_ID:
             for servo in listening:
                 if servo.id == packet.id:
                     status = servo.execute(packet, at_ns)
@@ -333,6 +339,12 @@ class Wire:
         else:
             for servo in listening:
                 servo.execute(packet, at_ns)
+
+    def _ask_board(self, board: Board, heard: Heard, packet: InstructionPacket) -> None:
+        if not board.silent:
+            status = StatusPacket(packet.id, *board.execute(packet)).encode()
+            took_ns = PROCESSING_NS + len(status) * _byte_ns(heard.baud_rate)
+            self.schedule(heard.end_ns + took_ns, self._receive, status)
 
     # Servos to host.
 

@@ -20,6 +20,12 @@ def drive(*wheels: str, kind: str = "differential", more: str = "") -> str:
     return BUS + f'[drive]\nkind = "{kind}"\n{more}\n' + "".join(wheels)
 
 
+def gyro(registers: str = "", **fields: object) -> str:
+    lines = [f"{key} = {value!r}" for key, value in fields.items()]
+    table = f"[gyros.body.registers]\n{registers}\n" if registers else ""
+    return BUS + "[gyros.body]\n" + "\n".join(lines) + "\n" + table
+
+
 LEFT, RIGHT = wheel(), wheel(name="b", y=-0.2, drive=2)
 
 MISTAKES = {
@@ -65,6 +71,28 @@ MISTAKES = {
     drive(
         *(wheel(name=n, y=i, drive=i) for i, n in enumerate("abc", 1)), kind="omni", more="track=1"
     ): "drive.track: a drive of kind 'omni' has none",
+    gyro(source="bus"): "gyros.body.bus is missing: source = 'bus' needs it",
+    gyro(source="bus", bus="main", id=200): "gyros.body.registers is missing: source = 'bus' needs "
+    "it",
+    gyro("z = { address = 68 }"): "gyros.body.registers is useless without source = 'bus'",
+    gyro(
+        "z = { address = 68 }", source="bus", bus="leg", id=200
+    ): "gyros.body.bus = 'leg': there is no such bus in mode poll; known are main",
+    gyro("z = { address = 68 }", source="bus", bus="main", id=3): "gyros.body.id = 3: bus main has "
+    "a servo of this id",
+    gyro(
+        "x = { address = 60 }", source="bus", bus="main", id=200
+    ): "gyros.body.registers: axis 'z' points up, so z must be there",
+    gyro(
+        "z = { address = 68 }\nx = { address = 0 }", source="bus", bus="main", id=200
+    ): "gyros.body.registers: they must lie within 64 bytes, to be read in one go",
+    gyro("z = { address = 68 }", source="bus", bus="main", id=200, rate=400): "gyros.body.rate = "
+    "400: it is read in every cycle of bus main, 100 a second",
+    gyro("q = { address = 68 }"): "gyros.body.registers.q: allowed are 'x', 'y', 'z'",
+    gyro("z = { address = 68, encoding = 'float' }"): "gyros.body.registers.z.encoding = 'float': "
+    "allowed are 'float32', 'int16', 'int32'",
+    gyro(source="iio"): "gyros.body.device is missing: source = 'iio' needs it",
+    gyro(device="bmi160"): "gyros.body.device is useless without source = 'iio'",
     '[gyros.body]\naxis = "up"': "gyros.body.axis = 'up': allowed are '-x', '-y', '-z', 'x', "
     "'y', 'z'",
     "[gyros.body]\nnoise_density = 0": "gyros.body.noise_density = 0: allowed is a number greater "
@@ -83,4 +111,10 @@ def test_what_is_printed_with_all_defaults_reads_as_the_same() -> None:
     config = parse(drive(LEFT, RIGHT, more="track = 0.5") + "[gyros.body]\naxis = '-x'\n")
     assert config.drive is not None
     assert config.gyros["body"].axis == "-x"
+    assert parse(dump(config)) == config
+
+
+def test_a_gyro_on_a_bus_is_printed_and_read_again() -> None:
+    config = parse(gyro("z = { address = 68 }", source="bus", bus="main", id=200))
+    assert config.gyros["body"].registers["z"].end == 72
     assert parse(dump(config)) == config
