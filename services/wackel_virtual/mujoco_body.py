@@ -1,0 +1,200 @@
+"""A body on MuJoCo's contact physics (extra ``sim``).
+
+Wheels are ellipsoids, which touch the floor in one point (cylinders chatter on their edges). The
+chassis moves in the plane, and soft springs press each wheel on the floor with the same load: in
+MuJoCo's convex friction a wheel that slides rises a little, and would lift the others with a stiff
+chassis. No drive needs more wheels than it has, either. Unlike those of the fast body, tyres do not
+creep: a wheel that grips holds its line exactly. Settings: MuJoCo 4 documentation, "Modeling", on
+elliptic cones, impratio and implicitfast.
+"""
+
+import math
+
+import numpy as np
+
+from wackel_kinematics.array import Floats
+from wackel_kinematics.drive import Drive
+from wackel_node.config import ConfigError
+from wackel_node.errors import FAILED, Explained
+from wackel_virtual.body import (
+    DROOP_M_S,
+    FRICTION,
+    GRAVITY,
+    GYRATION,
+    MOST_EFFORT,
+    WheelStates,
+    World,
+)
+
+STEP_S = 0.002
+MASS_KG = 1.0
+"""Of the robot, per wheel; motion does not depend on it, since all forces are by weight."""
+WHEEL_SHARE = 0.02
+"""Mass of a wheel by that of the robot per wheel."""
+SPRING_M = 0.1
+"""How far the springs are compressed: a wheel that rises by 1 mm carries 1 % more."""
+
+
+class NoPhysics(Explained, ImportError):
+    """MuJoCo is not installed; the text says what to do."""
+
+    exit_code = FAILED
+
+
+try:
+    import mujoco
+except ImportError as error:
+    raise NoPhysics(
+        "physics 'mujoco' needs MuJoCo: pip install 'wackel[sim]', or choose physics 'fast'"
+    ) from error
+
+
+class MujocoBody:
+    """See :class:`~wackel_virtual.body.Body`.
+
+    Args:
+        drive: The true wheels.
+        steering: β at which the wheels stand at first.
+
+    Raises:
+        ConfigError: The drive has wheels with rollers.
+    """
+
+    def __init__(self, drive: Drive, steering: Floats) -> None:
+        if not all(wheel.slide for wheel in drive.wheels):
+            raise ConfigError(
+                "drive.kind: wheels with rollers have no physics 'mujoco', but 'fast'"
+            )
+        n = drive.n
+        self.pose = np.zeros(3)
+        self.twist = np.zeros(3)
+        self.angle = np.zeros(n)
+        self.rate = np.zeros(n)
+        self.effort = np.zeros(n)
+        self._drive = drive
+        radii = np.full(n, float(np.mean(drive.roll_radius)) if drive.roll_radius.size else 0.05)
+        radii[drive.roll_wheels] = drive.roll_radius
+        heading = drive.heading(steering)
+        self._model = model = mujoco.MjModel.from_xml_string(_xml(drive, radii, heading))
+        self._data = mujoco.MjData(model)
+        self._mass = n * MASS_KG
+        grip = FRICTION * MASS_KG * GRAVITY * radii  # N m at which a tyre slips
+        self._grip = grip
+        self._gain = grip / (DROOP_M_S / radii)
+        self._held = np.zeros(n, dtype=np.bool_)
+        self._roll_position = [model.joint(f"roll{i}").qposadr[0] for i in range(n)]
+        self._roll_velocity = [model.joint(f"roll{i}").dofadr[0] for i in range(n)]
+        self._wheel = [model.geom(f"wheel{i}").id for i in range(n)]
+        self._lock = [model.equality(f"lock{i}").id for i in range(n)]
+        self._motor = [model.actuator(f"motor{i}").id for i in range(n)]
+        self._steers = np.flatnonzero(drive.steers)
+        self._steering = [model.actuator(f"steering{i}").id for i in self._steers]
+        self._chassis = model.body("chassis").id
+        for i in self._steers:
+            self._data.qpos[model.joint(f"steer{i}").qposadr[0]] = heading[i]
+        mujoco.mj_forward(model, self._data)
+
+    def step(self, wheels: WheelStates, world: World, duration_s: float) -> None:
+        """Move on."""
+        model, data = self._model, self._data
+        gain = np.where(wheels.driven, self._gain, 0.0)
+        gain[[i for i in range(self._drive.n) if i not in self._drive.roll_wheels]] = 0.0
+        model.actuator_gainprm[self._motor, 0] = gain
+        model.actuator_biasprm[self._motor, 2] = -gain
+        model.geom_friction[self._wheel, 0] = world.friction
+        data.ctrl[self._motor] = wheels.rate
+        data.ctrl[self._steering] = self._drive.heading(wheels.steering)[self._steers]
+        for i in np.flatnonzero(wheels.blocked != self._held):
+            self._set_lock(int(i), locked=bool(wheels.blocked[i]))
+        heading = self.pose[2]
+        cos, sin = math.cos(heading), math.sin(heading)
+        along, left, moment = (world.push * self._mass).tolist()
+        force = data.xfrc_applied[self._chassis]
+        force[0], force[1] = cos * along - sin * left, sin * along + cos * left
+        force[5] = moment
+
+        mujoco.mj_step(model, data, nstep=max(1, round(duration_s / STEP_S)))
+
+        x, y, heading = data.qpos[:3].tolist()
+        vx, vy, omega = data.qvel[:3].tolist()
+        cos, sin = math.cos(heading), math.sin(heading)
+        self.pose = np.array([x, y, heading])
+        self.twist = np.array([cos * vx + sin * vy, cos * vy - sin * vx, omega])
+        self.angle = data.qpos[self._roll_position]
+        self.rate = data.qvel[self._roll_velocity]
+        self.effort = np.where(wheels.driven, data.actuator_force[self._motor] / self._grip, 0.0)
+
+    def _set_lock(self, wheel: int, *, locked: bool) -> None:
+        """Jam a wheel where it stands, or let it go."""
+        data, lock = self._data, self._lock[wheel]
+        if locked:
+            self._model.eq_data[lock, 0] = data.qpos[self._roll_position[wheel]]
+            data.qvel[self._roll_velocity[wheel]] = 0.0
+        data.eq_active[lock] = locked
+        self._held[wheel] = locked
+
+
+def _xml(drive: Drive, radii: Floats, heading: Floats) -> str:
+    """The robot in MuJoCo's language."""
+    n, mass = drive.n, drive.n * MASS_KG
+    wheel_mass = WHEEL_SHARE * MASS_KG
+    # A soft contact lets a wheel sink and so makes it smaller: these contacts cost 0.3 % of radius.
+    # Stiffer ones, or heavier wheels, make sliding wheels hop.
+    # Wheels count for the whole, which has the same moment of inertia as the fast body.
+    chassis_mass = mass - n * wheel_mass
+    size = float(np.sum(drive.xy**2)) * wheel_mass
+    moment = max(mass * (GYRATION * drive.length_m) ** 2 - size, 0.1 * mass * drive.length_m**2)
+    load = MASS_KG * GRAVITY
+    stiffness, damping = load / SPRING_M, 2.0 * math.sqrt(load / SPRING_M * wheel_mass)
+    wheels, motors, locks = [], [], []
+    for i, ((x, y), radius) in enumerate(zip(drive.xy.tolist(), radii.tolist(), strict=True)):
+        joint = f'<joint name="steer{i}" axis="0 0 1" armature="0.01"/>' if drive.steers[i] else ""
+        start = "" if drive.steers[i] else f' euler="0 0 {heading[i]}"'
+        inertia = 0.5 * wheel_mass * radius**2
+        wheels.append(
+            f"""
+      <body pos="{x} {y} {radius}"{start}>
+        <joint type="slide" axis="0 0 1" stiffness="{stiffness}" damping="{damping}"
+               springref="{-SPRING_M}"/>
+        {joint}
+        <inertial pos="0 0 0" mass="{wheel_mass / 2}" diaginertia="{inertia} {inertia} {inertia}"/>
+        <body>
+          <joint name="roll{i}" axis="0 1 0"/>
+          <inertial pos="0 0 0" mass="{wheel_mass / 2}"
+                    diaginertia="{inertia} {2 * inertia} {inertia}"/>
+          <geom name="wheel{i}" type="ellipsoid" size="{radius} {radius / 4} {radius}"
+                priority="1" friction="{FRICTION} 0 0" solref="0.01 1"
+                solimp="0.95 0.99 0.0005"/>
+        </body>
+      </body>"""
+        )
+        most = MOST_EFFORT * FRICTION * load * radius
+        motors.append(
+            f'<general name="motor{i}" joint="roll{i}" biastype="affine" '
+            f'forcerange="{-most} {most}"/>'
+        )
+        if drive.steers[i]:
+            motors.append(f'<position name="steering{i}" joint="steer{i}" kp="100" kv="2"/>')
+        locks.append(
+            f'<joint name="lock{i}" joint1="roll{i}" active="false" solref="0.004 1" '
+            'solimp="0.99 0.999 0.001"/>'
+        )
+    return f"""
+<mujoco>
+  <compiler angle="radian" autolimits="true"/>
+  <option timestep="{STEP_S}" integrator="implicitfast" cone="elliptic" impratio="10"
+          gravity="0 0 0"/>
+  <default><geom contype="1" conaffinity="2"/></default>
+  <worldbody>
+    <geom name="floor" type="plane" size="0 0 1" contype="2" conaffinity="1"/>
+    <body name="chassis" pos="0 0 0">
+      <joint name="x" type="slide" axis="1 0 0"/>
+      <joint name="y" type="slide" axis="0 1 0"/>
+      <joint name="heading" axis="0 0 1"/>
+      <inertial pos="0 0 0" mass="{chassis_mass}" diaginertia="{moment} {moment} {moment}"/>
+      {"".join(wheels)}
+    </body>
+  </worldbody>
+  <equality>{"".join(locks)}</equality>
+  <actuator>{"".join(motors)}</actuator>
+</mujoco>"""

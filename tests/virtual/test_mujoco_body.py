@@ -1,0 +1,133 @@
+"""MuJoCo's physics against the fast body: two models of friction that share no code."""
+
+import importlib
+import sys
+
+import numpy as np
+import pytest
+
+from tests.odometry.simulation import differential_drive, steered_drive
+from tests.virtual.test_drive_simulation import driven, headings, mean_twist, rates, simulation
+from wackel_node.config import ConfigError
+from wackel_node.config_drive import DriveConfig, WheelConfig
+from wackel_schemas.virtual import Injection
+
+pytest.importorskip("mujoco")
+
+PAPER = (1.5, 0.0, 1.5)
+
+
+def after(
+    kind: str, value: float | None = None, *, wheels: int = 4, physics: str = "mujoco"
+) -> list[float]:
+    """Mean twist from 1 to 2 s after the fault."""
+    robot = simulation(steered_drive(wheels), physics=physics)  # type: ignore[arg-type]
+    driven(robot, 2.0)
+    robot.inject(Injection(kind=kind, value=value, wheel="w1"))
+    return mean_twist(driven(robot, 2.0)[100:])
+
+
+@pytest.mark.parametrize("wheels", [3, 4, 6])
+def test_a_sound_robot_does_what_it_is_told(wheels: int) -> None:
+    robot = simulation(steered_drive(wheels), physics="mujoco")
+    for _ in range(100):
+        robot.step(0.6, 0.0, 0.6)
+    vx, vy, omega = mean_twist(driven(robot, 1.0))
+    assert (vx, omega) == pytest.approx((0.6, 0.6), rel=0.01)
+    assert abs(vy) < 0.01
+
+
+def test_a_differential_robot_does_what_it_is_told() -> None:
+    cycles = driven(simulation(differential_drive(), physics="mujoco"), 3.0)
+    vx, _, omega = mean_twist(cycles[-100:])
+    assert (vx, omega) == pytest.approx((0.6, 0.6), rel=0.01)
+
+
+def test_pose_is_where_the_twists_lead() -> None:
+    cycles = driven(simulation(steered_drive(3), physics="mujoco"), 4.0)
+    turned = sum(cycle.twist[2] for cycle in cycles) * 0.01
+    assert cycles[-1].pose[2] == pytest.approx(turned, rel=0.01)
+    way = np.diff([cycle.pose[:2] for cycle in cycles], axis=0)
+    speeds = [np.hypot(*cycle.twist[:2]) for cycle in cycles[1:]]
+    assert np.hypot(*way.T).sum() == pytest.approx(sum(speeds) * 0.01, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("kind", "value"),
+    [
+        ("wheel_blocked", None),
+        ("wheel_free", None),
+        ("drive_scale", 0.1),
+        ("steering_offset", 0.2),
+        ("steering_reference_error", 0.2),
+    ],
+)
+def test_both_bodies_agree_on_what_a_fault_does(kind: str, value: float | None) -> None:
+    by_contact = after(kind, value, physics="mujoco")
+    without = after(kind, value, physics="fast")
+    # They differ by the creep of tyres, which only one of them has.
+    assert by_contact == pytest.approx(without, abs=0.04)
+
+
+def test_the_papers_robot_is_braked_on_the_side_of_its_blocked_wheel() -> None:
+    """Paper, section 5: the robot nearly stops turning, the other wheels hardly slow down."""
+    robot = simulation(steered_drive(3), physics="mujoco")
+    for step in range(400):
+        robot.step(*(step / 400 * np.array(PAPER)))
+    before = rates(driven(robot, 0.5, PAPER)[-1])
+    robot.inject(Injection(kind="wheel_blocked", wheel="w2"))
+    cycles = driven(robot, 3.0, PAPER)
+    assert abs(mean_twist(cycles[200:])[2]) < 0.2 * 1.5
+    shares = np.mean([rates(cycle) for cycle in cycles[200:]], axis=0) / before
+    assert np.all((shares[:2] > 0.85) & (shares[:2] < 0.99))
+    assert abs(shares[2]) < 0.01
+
+
+def test_a_wheel_comes_free_again() -> None:
+    robot = simulation(steered_drive(4), physics="mujoco")
+    driven(robot, 1.0)
+    robot.inject(Injection(kind="wheel_blocked", wheel="w0", duration_s=0.5))
+    driven(robot, 1.5)
+    assert mean_twist(driven(robot, 0.5)) == pytest.approx((0.6, 0.0, 0.6), abs=0.02)
+
+
+def test_a_push_moves_the_robot_and_ends() -> None:
+    robot = simulation(steered_drive(3), physics="mujoco")
+    driven(robot, 1.5)
+    robot.inject(Injection(kind="push"))
+    pushed = driven(robot, 0.2)[-1].twist
+    assert np.abs(pushed - np.array([0.6, 0.0, 0.6])).max() > 0.05
+    assert mean_twist(driven(robot, 2.0)[100:]) == pytest.approx((0.6, 0.0, 0.6), abs=0.02)
+
+
+def test_wheels_on_ice_slip() -> None:
+    robot = simulation(steered_drive(3), physics="mujoco")
+    for wheel in ("w0", "w1", "w2"):
+        robot.inject(Injection(kind="ice_patch", wheel=wheel))
+    assert driven(robot, 0.3, (1.0, 0.0, 0.0))[-1].twist[0] < 0.5
+
+
+def test_steering_turns_while_it_drives() -> None:
+    robot = simulation(steered_drive(4), physics="mujoco")
+    driven(robot, 1.0, (0.4, 0.0, 0.0))
+    cycles = driven(robot, 1.0, (0.4, 0.2, 0.0))
+    assert headings(cycles[-1]) == pytest.approx([np.arctan2(0.2, 0.4)] * 4, abs=0.01)
+    assert mean_twist(cycles[50:]) == pytest.approx((0.4, 0.2, 0.0), abs=0.01)
+
+
+def test_wheels_with_rollers_need_the_fast_body() -> None:
+    wheels = [
+        WheelConfig(
+            name=f"w{i}", l=0.2, alpha=2.1 * i, heading=2.1 * i, radius=0.05, bus="b", drive=i
+        )
+        for i in range(3)
+    ]
+    with pytest.raises(ConfigError, match="fast"):
+        simulation(DriveConfig(kind="omni", wheels=wheels), physics="mujoco")
+
+
+def test_without_mujoco_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    monkeypatch.delitem(sys.modules, "wackel_virtual.mujoco_body", raising=False)
+    with pytest.raises(ImportError, match=r"pip install 'wackel\[sim\]'"):
+        importlib.import_module("wackel_virtual.mujoco_body")
