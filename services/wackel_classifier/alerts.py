@@ -41,6 +41,9 @@ class Alerts:
     Args:
         chain: Of the bus.
         series: By position; decides what the bits mean.
+
+    Attributes:
+        alerting: The servos that report a hardware error, a bit for each position.
     """
 
     def __init__(self, chain: Chain, series: list[Series]) -> None:
@@ -48,11 +51,7 @@ class Alerts:
         self._series = series
         self._servos = [_Servo() for _ in range(len(chain))]
         self._raised = 0
-
-    @property
-    def suspicious(self) -> bool:
-        """Whether any servo complains."""
-        return self._raised > 0
+        self.alerting = 0
 
     def complains(self, position: int) -> bool:
         """Whether a servo reports a hardware error; it may have switched its torque off."""
@@ -61,8 +60,8 @@ class Alerts:
     def error_byte(self, position: int, error: int, now_ns: int, stamp: int) -> None:
         """A servo has answered with this error byte."""
         servo = self._servos[position]
-        if not error and servo.alert_ns is None:
-            return  # by far the most frequent case
+        if error == (0 if servo.alert_ns is None else ALERT):
+            return  # nothing new, by far the most frequent case
         if error & ALERT:
             if servo.alert_ns is None:
                 servo.alert_ns, servo.since = now_ns, stamp
@@ -162,6 +161,9 @@ class Alerts:
         ]
 
     def _count(self) -> None:
+        self.alerting = sum(
+            1 << place for place, servo in enumerate(self._servos) if servo.alert_ns is not None
+        )
         self._raised = sum(
             servo.alert_ns is not None or servo.refused_ns is not None for servo in self._servos
         )

@@ -1,8 +1,9 @@
 """The classifier of one bus: one transaction in, fault reports out.
 
-A healthy transaction is parsed, counted, and that is all: what follows from it for each servo is
-made up for at the end of a slot of 50 ms. Only what is not as it should be is looked at closely.
-Time is the stamps of the transactions, so a recording gives the same reports as the robot.
+A transaction that is as it should be is parsed, counted, and that is all, also while something else
+is wrong; what follows from it for each servo is made up for when it matters. Only what is news is
+looked at closely and concluded from at once; what time alone brings is concluded every 50 ms. Time
+is the stamps of the transactions, so a recording gives the same reports as the robot.
 """
 
 from wackel_classifier.alerts import CRC_ERROR, Alerts
@@ -38,6 +39,8 @@ JAMMED_LOSS = 0.6
 JAMMED_SINGLE_LOSS = 0.1
 """Share of answers that a permanent jammer destroys of reads of many and of single ones (thesis,
 2.5.5: 55 % of a broadcast ping, 4.8 % of direct pings), rounded up."""
+CONCLUDE_NS = 50_000_000
+"""How often time alone is looked at: a tenth of the shortest period that anything waits for."""
 LEAST_SLOT_NS = 5_000_000
 """Shortest sampling period, whatever the configuration says."""
 TICK_SLOTS = 10
@@ -74,7 +77,9 @@ class BusClassifier:
         self._slot_ns = min(max(slot_ns, LEAST_SLOT_NS), LONGEST_PAUSE_NS)
         self._slot_end_ns = self._slot_ns
         self._slot = 0
-        self._calm = True  # nothing is wrong or suspicious
+        self._conclude_ns = 0  # the next conclusion, if nothing happens before
+        self._attention = 0  # whose answers are news; bits as in Request.concerns
+        self._counting: list[Request] = []  # those with clean answers that are not yet made up for
         self._goals_due = True  # goals are looked at once a slot
         self._incomplete = False  # whether the last transaction missed an answer
         self._missed: list[int] = []  # positions, in the last transaction that missed any
@@ -102,27 +107,35 @@ class BusClassifier:
         quiet = True
         if data or transaction.expected:
             answers = request.reader.read(data)
-            if answers.segments is None and self._calm and not request.has_errors(data):
+            if (
+                answers.segments is None
+                and not request.concerns & self._attention
+                and not request.has_new_errors(data, self._alerts.alerting)
+            ):
+                if not request.clean:
+                    self._counting.append(request)
                 request.clean += 1
+                request.clean_ns = self._now_ns
+                self._incomplete = False
                 if request.has_contents(self._slot):
                     self._contents(transaction, request, answers)
+                    quiet = not (request.has_fields and self._alerts.alerting)
             else:
-                quiet = False
-                self._look(transaction, request, answers, data)
+                quiet = not self._look(transaction, request, answers, data)
         elif self._goals_due and instruction[PREFIX_BYTES : PREFIX_BYTES + 1] == _SYNC_WRITE:
             self._goals_due = not self._frozen.command(instruction)
-        if transaction.host_lag_ns >= HOST_LATE_NS:
+        if transaction.host_lag_ns >= HOST_SPOILS_NS:
             self._timing.host_lag(transaction.host_lag_ns, self._now_ns, stamp)
-            quiet = False
+            quiet = quiet and transaction.host_lag_ns < HOST_LATE_NS
         if self._now_ns >= self._slot_end_ns:
             self._end_slot(stamp)
-        elif quiet:
+        elif quiet and self._now_ns < self._conclude_ns and not self._reach.unsettled:
             return []
         return self._conclude(transaction)
 
     def _new_request(self, instruction: bytes, expected: list[int]) -> Request:
         if self._requests.full:
-            self._count_clean()
+            self._make_up()
             self._requests.forget()
         return self._requests.make(instruction, expected)
 
@@ -130,27 +143,40 @@ class BusClassifier:
 
     def _look(
         self, transaction: Transaction, request: Request, answers: Answers, data: bytes
-    ) -> None:
-        """At a transaction that is not as it should be, or comes while something is wrong."""
-        if self._calm:
-            self._count_clean()  # those answers came before whatever is wrong now
+    ) -> bool:
+        """At a transaction that is not as it should be, or that somebody waits for.
+
+        Returns:
+            Whether there may be something to conclude at once: a jammer goes on as it was.
+        """
+        self._make_up()
         stamp, now_ns = transaction.stamp, self._now_ns
         window_ns = transaction.ended_ns - transaction.sent_ns
         capacity = window_ns * transaction.baud_rate // (BITS_PER_BYTE * 1_000_000_000)
         symptoms = examine(request.expectation, answers, data, capacity)
+        before = self._jammers.findings()
         if answers.clean:
             self._jammers.clean()
         else:
             self._jammers.step(symptoms, stamp)
+        news = bool(answers.unexpected) or before != self._jammers.findings()
         jammed = self._jammers.permanent is not None or symptoms.sign is Sign.SATURATED
-        missed = []
+        waiting = self._reach.waiting | self._losses.waiting
+        heard: list[int] = []
+        missed: list[int] = []
         for place, outcome in enumerate(symptoms.outcomes):
-            position = self._chain.position.get(request.expectation.ids[place])
+            position = request.places[place]
             if position is None or outcome is Outcome.UNTESTED:
                 continue
             if outcome is Outcome.ANSWERED:
-                self._answered(position, stamp)
+                if waiting >> position & 1:
+                    news = True
+                    self._reach.heard(heard, now_ns)
+                    self._answered(position, stamp)
+                else:
+                    heard.append(position)
                 continue
+            news = True
             if outcome is Outcome.SILENT:
                 self._reach.missed(position, now_ns, stamp, self._chance(request))
                 missed.append(position)
@@ -160,19 +186,30 @@ class BusClassifier:
                 event = _event(position, place, symptoms)
                 spoken = outcome is Outcome.LOST or event.mark is Mark.DAMAGED
                 self._losses.failed(event, stamp, spoken=spoken)
+        self._reach.heard(heard, now_ns)
+        self._losses.succeeded(heard)
         if jammed:
             self._losses.reset()
         self._foreign(transaction, request, answers, symptoms, jammed=jammed)
         self._missed = missed or self._missed
         self._incomplete = bool(answers.missing)
+        if not answers.clean or request.has_new_errors(data, self._alerts.alerting):
+            self._error_bytes(request, answers, stamp)
+            if answers.clean:
+                news = True
+                request.learn_errors(data)
+        self._contents(transaction, request, answers)
+        return news or not (answers.clean or jammed or symptoms.rhythmic)
+
+    def _error_bytes(self, request: Request, answers: Answers, stamp: int) -> None:
+        alerting = self._alerts.alerting
         for status in answers.statuses:
             position = self._chain.position.get(status.id)
-            if position is not None:
-                self._alerts.error_byte(position, status.error, now_ns, stamp)
+            if position is not None and (status.error or alerting >> position & 1):
+                self._alerts.error_byte(position, status.error, self._now_ns, stamp)
                 if status.error & ~ALERT == CRC_ERROR:
                     event = Event(position, Mark.DAMAGED, None, len(request.expected) == 1, False)
                     self._losses.failed(event, stamp, spoken=True)
-        self._contents(transaction, request, answers)
 
     def _chance(self, request: Request) -> float:
         """Probability that an answer does not come although the servo sends it."""
@@ -184,7 +221,7 @@ class BusClassifier:
         gone = self._reach.gone(position)
         self._reach.answered(position, self._now_ns)
         self._losses.recovered(position, stamp, passing=not gone)
-        self._losses.succeeded(position)
+        self._losses.succeeded((position,))
         if self._reach.reconnected is not None:
             self._losses.reconnected(self._reach.reconnected, stamp)
             self._reach.reconnected = None
@@ -266,16 +303,16 @@ class BusClassifier:
 
     # Slots.
 
-    def _count_clean(self) -> None:
-        for request in self._requests.values():
-            if request.clean:
-                for position in request.positions:
-                    self._losses.succeeded(position, request.clean)
-                    self._reach.answered(position, self._now_ns)
-                request.clean = 0
+    def _make_up(self) -> None:
+        """For the clean answers that were only counted."""
+        for request in self._counting:
+            self._losses.succeeded(request.positions, request.clean)
+            self._reach.heard(request.positions, request.clean_ns)
+            request.clean = 0
+        self._counting.clear()
 
     def _end_slot(self, stamp: int) -> None:
-        self._count_clean()
+        self._make_up()
         self._losses.end_slot()
         self._slot += 1
         if self._slot % TICK_SLOTS == 0:
@@ -288,6 +325,8 @@ class BusClassifier:
         """What has changed with this transaction."""
         now_ns, stamp = self._now_ns, transaction.stamp
         jammers, reach = self._jammers, self._reach
+        if reach.waiting:
+            self._make_up()
         findings = jammers.findings()
         findings += reach.findings(now_ns, jammed=jammers.permanent is not None)
         for position in reach.take_newly_gone():
@@ -308,15 +347,10 @@ class BusClassifier:
         if findings:
             findings = explain(findings, self._chain, stamp)
         reports = self._book.update(stamp, findings, transaction)
-        self._calm = not (
-            self._book
-            or reach.suspicious
-            or jammers.suspicious
-            or self._losses.suspicious
-            or self._timing.suspicious
-            or self._alerts.suspicious
-            or self._strangers.suspicious
-        )
+        self._conclude_ns = now_ns + CONCLUDE_NS
+        self._attention = reach.waiting | self._losses.waiting
+        if jammers.suspicious:
+            self._attention |= 1 << len(self._chain)
         return reports
 
 

@@ -7,6 +7,7 @@ their places and traces decide why.
 
 import math
 from collections import Counter, deque
+from collections.abc import Iterable
 
 from wackel_classifier.chain import Chain
 from wackel_classifier.findings import Finding
@@ -55,6 +56,9 @@ class Losses:
     Args:
         chain: Of the bus.
         limits: Ordinary loss, designed false alarms, the thesis's window and thresholds.
+
+    Attributes:
+        waiting: The servos whose failures wait for an answer, a bit for each position.
     """
 
     def __init__(self, chain: Chain, limits: ClassifierConfig) -> None:
@@ -74,6 +78,7 @@ class Losses:
         self._window_successes = [0] * size
         self._window_failures = [0] * size
         self._pending: list[list[Event]] = [[] for _ in range(size)]
+        self.waiting = 0
         self._events: deque[tuple[int, int, Event]] = deque()
         self._counts: Counter[Event] = Counter()
         self._windows = [FailureWindow(self._samples) for _ in range(size)]
@@ -97,25 +102,23 @@ class Losses:
         answers = failures + sum(self._window_successes) + sum(self._successes)
         return max(self._ordinary, wilson(failures, answers)[1])
 
-    @property
-    def suspicious(self) -> bool:
-        """Whether any failure waits for its servo to answer again."""
-        return any(self._pending) or bool(self._strays)
-
-    def succeeded(self, position: int, count: int = 1) -> None:
-        """A servo has answered so many requests."""
-        self._successes[position] += count
+    def succeeded(self, positions: Iterable[int], count: int = 1) -> None:
+        """Servos have answered so many requests."""
+        successes = self._successes
+        for position in positions:
+            successes[position] += count
 
     def failed(self, event: Event, stamp: int, *, spoken: bool) -> None:
         """A servo has not answered, or not intact; ``spoken``: it has certainly tried to."""
         if spoken:
             self._commit(event, stamp)
             return
-        if any(self._pending[: event.position]):
+        if self.waiting & ((1 << event.position) - 1):
             return  # what silences one nearer to the adapter may silence it, too
         pending = self._pending[event.position]
         if len(pending) < COUNTED_IN_ROW:
             pending.append(event)
+            self.waiting |= 1 << event.position
 
     def recovered(self, position: int, stamp: int, *, passing: bool) -> None:
         """A servo has answered after failures; ``passing`` unless these were a break."""
@@ -124,6 +127,7 @@ class Losses:
             for event in pending:
                 self._commit(event, stamp)
         pending.clear()
+        self.waiting &= ~(1 << position)
 
     def stray(self, now_ns: int, stamp: int) -> None:
         """Bytes of nobody in a transaction."""
@@ -139,6 +143,7 @@ class Losses:
         """What was counted has another cause: a jammer destroys answers at random."""
         for pending in self._pending:
             pending.clear()
+        self.waiting = 0
         self._successes = [0] * len(self._chain)
         self._failures = [0] * len(self._chain)
 

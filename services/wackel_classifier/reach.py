@@ -6,6 +6,7 @@ silent servo nobody but itself.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from wackel_classifier.chain import Chain
@@ -35,12 +36,11 @@ CERTAIN_JAMMED = -math.log(1e-4)
 class _Servo:
     """Attributes: times in ns of the classifier's clock.
 
-    ``answered_ns`` last answer; ``misses`` requests in a row in which it had its turn and was
-    silent, since ``missed_ns`` (stamp ``since``); ``evidence`` minus the logarithm of the
-    probability of losing so many answers; ``back`` answers in a row while gone.
+    ``misses`` requests in a row in which it had its turn and was silent, since ``missed_ns`` (stamp
+    ``since``); ``evidence`` minus the logarithm of the probability of losing so many answers;
+    ``back`` answers in a row while gone.
     """
 
-    answered_ns: int = -(1 << 62)
     missed_ns: int = 0
     since: int = 0
     misses: int = 0
@@ -53,6 +53,8 @@ class Reach:
     """Follows each servo of a chain.
 
     Attributes:
+        waiting: The servos that are without an answer, a bit for each position.
+        unsettled: Whether time alone may change the findings.
         reconnected: Position whose cable was interrupted and has just come back; reset by the
             reader.
     """
@@ -62,44 +64,42 @@ class Reach:
     def __init__(self, chain: Chain) -> None:
         self._chain = chain
         self._servos = [_Servo() for _ in range(len(chain))]
-        self._waiting = 0  # servos with misses
+        self._answered_ns = [-(1 << 62)] * len(chain)
+        self.waiting = 0
+        self.unsettled = False
         self._newly_gone: list[int] = []
         self._cut = len(chain)  # the first servo behind a break; the chain's length if none
-
-    @property
-    def suspicious(self) -> bool:
-        """Whether any servo is without an answer."""
-        return self._waiting > 0
 
     def gone(self, position: int) -> bool:
         """Whether a servo counts as unreachable."""
         return self._servos[position].gone
 
-    def answered(self, position: int, now_ns: int) -> int:
-        """A servo has answered.
+    def heard(self, positions: Iterable[int], at_ns: int) -> None:
+        """Servos have answered that were not without an answer before."""
+        answered_ns = self._answered_ns
+        for position in positions:
+            answered_ns[position] = max(answered_ns[position], at_ns)
 
-        Returns:
-            How many misses in a row this ends; 0 if none, or if they were no passing loss.
-        """
+    def answered(self, position: int, now_ns: int) -> None:
+        """A servo has answered."""
         servo = self._servos[position]
-        servo.answered_ns = now_ns
+        self._answered_ns[position] = now_ns
         if not servo.misses:
-            return 0
+            return
         if not servo.gone:
             if servo.misses > 1:
                 self._renew(position, servo.missed_ns)
-            return self._clear(servo)
-        if position >= self._cut:
+            self._clear(position)
+        elif position >= self._cut:
             # The cable is connected again, or never was the cause: all behind it begin anew.
-            for other in self._servos[self._cut :]:
+            for other in range(self._cut, len(self._servos)):
                 self._clear(other)
             self.reconnected = self._cut
             self._cut = len(self._servos)
         else:
             servo.back += 1
             if servo.back >= BACK_ANSWERS:
-                self._clear(servo)
-        return 0
+                self._clear(position)
 
     def _renew(self, back: int, missed_ns: int) -> None:
         """One of those that fell silent at this time is back: the others may be, too."""
@@ -110,26 +110,26 @@ class Reach:
         ]
         head = silent[0]
         if sum(self._servos[place].evidence for place in silent) >= CERTAIN and not any(
-            servo.answered_ns > missed_ns
-            for place, servo in enumerate(self._servos)
-            if place >= head and place != back
+            answered_ns > missed_ns
+            for place, answered_ns in enumerate(self._answered_ns[head:], start=head)
+            if place != back
         ):
             # Too many misses to be ordinary, by all from one servo on: an interruption.
             self.reconnected = head
         for place in silent:
             if place != back:
-                self._clear(self._servos[place])
+                self._clear(place)
 
     def take_newly_gone(self) -> list[int]:
         """Positions that have become unreachable since this was last asked."""
         gone, self._newly_gone = self._newly_gone, []
         return gone
 
-    def _clear(self, servo: _Servo) -> int:
-        misses, servo.misses, servo.evidence = servo.misses, 0, 0.0
+    def _clear(self, position: int) -> None:
+        servo = self._servos[position]
+        servo.misses, servo.evidence = 0, 0.0
         servo.gone = False
-        self._waiting -= misses > 0
-        return misses
+        self.waiting &= ~(1 << position)
 
     def missed(self, position: int, now_ns: int, stamp: int, chance: float) -> None:
         """A servo had its turn and was not heard.
@@ -144,19 +144,19 @@ class Reach:
         servo.back = 0
         if not servo.misses:
             servo.missed_ns, servo.since = now_ns, stamp
-            self._waiting += 1
+            self.waiting |= 1 << position
         servo.misses += 1
         servo.evidence -= math.log(min(max(chance, 1e-6), 0.99))
 
     def findings(self, now_ns: int, *, jammed: bool) -> list[Finding]:
         """What the servos that are gone have in common; ``jammed`` by a permanent jammer."""
-        if not self._waiting:
+        if not self.waiting:
+            self.unsettled = False
             return []
         servos = self._servos
         certain = CERTAIN_JAMMED if jammed else CERTAIN
-        missing = [self._is_missing(servo, now_ns) for servo in servos]
         head = len(servos)
-        while head and missing[head - 1]:
+        while head and self._is_missing(head - 1, now_ns):
             head -= 1
         # One that was never asked on its own cannot be the first of those cut off.
         while head < len(servos) and not servos[head].misses:
@@ -164,33 +164,37 @@ class Reach:
         behind = servos[head:]
         # All of them at once by chance is as unlikely as one so many times.
         cut_off = sum(servo.evidence for servo in behind) >= certain
+        self.unsettled = False
         for place, servo in enumerate(servos):
-            alone = missing[place] and servo.evidence >= certain
-            if servo.misses and not servo.gone and (alone or (cut_off and place >= head)):
+            if not servo.misses or servo.gone:
+                continue
+            alone = servo.evidence >= certain and self._is_missing(place, now_ns)
+            if alone or (cut_off and place >= head):
                 servo.gone = True
                 self._newly_gone.append(place)
+            else:
+                self.unsettled = True
         self._cut = head if cut_off else len(servos)
-        findings = [
-            self._silent(place)
-            for place in range(head)
-            if servos[place].gone and self._is_passed(place)
-        ]
+        gone = [place for place in range(head) if servos[place].gone]
+        passed = [place for place in gone if self._is_passed(place)]
+        findings = [self._silent(place) for place in passed]
+        self.unsettled |= len(passed) < len(gone)
         if cut_off:
             unasked = sum(not servo.misses for servo in behind)
             # The one before may turn out to be missing, too.
             open_ends = unasked or (head and servos[head - 1].misses and not servos[head - 1].gone)
             if not open_ends or now_ns - behind[0].missed_ns >= RESOLVE_NS:
                 findings.append(self._cut_off(head, unasked))
+            else:
+                self.unsettled = True
         return findings
 
     def _is_passed(self, place: int) -> bool:
         """Whether a servo behind this one has answered since it fell silent."""
-        since = self._servos[place].missed_ns
-        return any(servo.answered_ns > since for servo in self._servos[place + 1 :])
+        return max(self._answered_ns[place + 1 :], default=0) > self._servos[place].missed_ns
 
-    @staticmethod
-    def _is_missing(servo: _Servo, now_ns: int) -> bool:
-        return servo.gone or now_ns - servo.answered_ns >= GONE_NS
+    def _is_missing(self, place: int, now_ns: int) -> bool:
+        return self._servos[place].gone or now_ns - self._answered_ns[place] >= GONE_NS
 
     def _silent(self, place: int) -> Finding:
         servo = self._servos[place]

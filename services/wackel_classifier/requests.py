@@ -21,6 +21,7 @@ from wackel_protocols.dynamixel2.control_table import (
 )
 from wackel_protocols.dynamixel2.expectation import FAST_PREFIX_BYTES, Expectation, expect
 from wackel_protocols.dynamixel2.packet import (
+    ALERT,
     PREFIX_BYTES,
     Instruction,
     InstructionPacket,
@@ -93,33 +94,42 @@ class Request:
         reader: Reads its answers.
         expected: Ids that answer, as transactions list them.
         asked: By id.
-        positions: In the chain, of the expected servos that are configured, in request order.
+        places: Position in the chain of each expected servo, in request order; None for an id
+            that is not configured.
+        positions: Those that are not None.
+        concerns: A bit for each of these positions, and the one above them all for the bus.
         single: Position of the servo, if only one is asked.
         has_fields, has_motion: Whether any answer holds watched registers, or measured values.
         clean: How often it was answered as it should be since this was last set to 0.
+        clean_ns: When it was last.
         slot: In which slot its measured values were last looked at.
     """
 
-    def __init__(self, expectation: Expectation, asked: dict[int, Asked]) -> None:
+    def __init__(self, expectation: Expectation, asked: dict[int, Asked], chain: Chain) -> None:
         self.reader = AnswerReader(expectation)
         self.expectation = expectation
         self.expected = list(expectation.ids)
         self.asked = asked
-        self.positions = [a.position for a in asked.values() if a.position is not None]
+        self.places = [servo.position for servo in asked.values()]
+        self.positions = [position for position in self.places if position is not None]
+        self.concerns = sum(1 << position for position in (*self.positions, len(chain)))
         lone = self.positions[0] if self.positions and len(self.expected) == 1 else None
         self.single: int | None = lone
         self.has_fields = any(servo.fields for servo in asked.values())
         self.has_motion = any(servo.motion for servo in asked.values())
         self.clean = 0
+        self.clean_ns = 0
         self.slot = -MOTION_SLOTS
         lengths = expectation.lengths
         self._total = expectation.total_bytes
         starts = accumulate(
             lengths[:-1], initial=FAST_PREFIX_BYTES if expectation.fast else PREFIX_BYTES + 1
         )
-        places = list(starts) if lengths else [0]
-        self._errors = itemgetter(*places)
-        self._no_errors = (0,) * len(places) if len(places) > 1 else 0
+        # Twice the first, so that there always is a tuple.
+        errors = list(starts) if lengths else [0]
+        self._errors = itemgetter(errors[0], *errors)
+        self._known_errors = (0,) * (1 + len(errors))
+        self._known_alerting = 0
 
     def has_contents(self, slot: int) -> bool:
         """Whether its answers tell more than that they came; measured values do now and then."""
@@ -129,12 +139,33 @@ class Request:
         """Whether its measured values shall be looked at in this slot."""
         return self.has_motion and slot - self.slot >= MOTION_SLOTS
 
-    def has_errors(self, data: bytes) -> bool:
-        """Whether any servo sets its error byte in an answer that is clean."""
-        # Stuffing moves the bytes, so a longer answer is looked at closely.
+    def has_new_errors(self, data: bytes, alerting: int) -> bool:
+        """Whether the error bytes of an answer that is clean say anything new.
+
+        Args:
+            data: The answer.
+            alerting: Servos of which it is known that they raise an alert, a bit for each position.
+        """
         if not data:
             return False
-        return len(data) != self._total or self._errors(data) != self._no_errors
+        # Stuffing moves the bytes, so a longer answer is looked at closely.
+        return (
+            len(data) != self._total
+            or self._errors(data) != self._known_errors
+            or self._known_alerting != alerting & self.concerns
+        )
+
+    def learn_errors(self, data: bytes) -> None:
+        """The error bytes of an answer that is clean are known now; refusals are news each time."""
+        if len(data) == self._total:
+            errors = self._errors(data)
+            if all(error in (0, ALERT) for error in errors):
+                self._known_errors = errors
+                self._known_alerting = sum(
+                    1 << place
+                    for place, error in zip(self.places, errors[1:], strict=False)
+                    if error and place is not None
+                )
 
 
 class Requests:
@@ -144,10 +175,6 @@ class Requests:
         self._chain = chain
         self.models = [configured_model(servo.model) for servo in servos]
         self._known: dict[bytes, Request] = {}
-
-    def values(self) -> list[Request]:
-        """All that are remembered."""
-        return list(self._known.values())
 
     @property
     def full(self) -> bool:
@@ -176,7 +203,7 @@ class Requests:
         if broadcast and expected:
             ids = tuple(servo_id for servo_id in expected if servo_id in self._chain.position)
             expectation = Expectation(ids, (14,) * len(ids), broadcast_ping=True)
-        request = Request(expectation, self._asked(instruction, expectation))
+        request = Request(expectation, self._asked(instruction, expectation), self._chain)
         request.expected = list(expected)
         self._known[key] = request
         return request

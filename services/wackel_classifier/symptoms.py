@@ -44,6 +44,11 @@ class Outcome(IntEnum):
     UNTESTED = 4
 
 
+# Looking up members of an enumeration takes longer than comparing them.
+_ANSWERED, _UNTESTED = Outcome.ANSWERED, Outcome.UNTESTED
+_PACKET, _ZEROS, _STRAY = Kind.PACKET, Kind.ZEROS, Kind.STRAY
+
+
 class Sign(IntEnum):
     """The leaves of the thesis's tree for a single transaction."""
 
@@ -110,43 +115,46 @@ def examine(expectation: Expectation, answers: Answers, data: bytes, capacity: i
     if expectation.broadcast_ping or expectation.fast:
         symptoms = _without_places(expectation, answers, data)
     else:
-        symptoms = _by_places(expectation, answers)
+        symptoms = _by_places(expectation, answers, data)
     segments = answers.segments or []
     symptoms.rhythmic = symptoms.rhythmic or _is_rhythmic(segments)
-    taken = sum(s.end - s.start for s in segments if s.kind is Kind.PACKET)
+    taken = sum(s.end - s.start for s in segments if s.kind is _PACKET)
     foreign = symptoms.zeros + symptoms.stray + symptoms.broken
     if capacity > taken:
         symptoms.filled = min(1.0, foreign / (capacity - taken))
     return symptoms
 
 
-def _by_places(expectation: Expectation, answers: Answers) -> Symptoms:
+def _by_places(expectation: Expectation, answers: Answers, data: bytes) -> Symptoms:
     """For answers that follow each other: a gap between packets is the place of who is missing."""
     assert answers.segments is not None
-    places = {servo_id: place for place, servo_id in enumerate(expectation.ids)}
-    outcomes = [
-        Outcome.UNTESTED if servo_id in answers.missing else Outcome.ANSWERED
-        for servo_id in expectation.ids
-    ]
+    ids, missing = expectation.ids, answers.missing
+    outcomes = [_UNTESTED if servo_id in missing else _ANSWERED for servo_id in ids]
+    places = {servo_id: place for place, servo_id in enumerate(ids)}
     symptoms = Symptoms(outcomes)
     gap: list[Segment] = []
     turn = 0  # whose answer is due
     for segment in answers.segments:
-        if segment.kind is not Kind.PACKET:
+        if segment.kind is not _PACKET:
             gap.append(segment)
             continue
         symptoms.packets += 1
-        place = places.get(segment.id if segment.id is not None else -1, -1)
+        place = places.get(segment.id, -1) if segment.id is not None else -1
         if place < turn:
             continue  # somebody who was not asked, or a second answer
-        _judge_gap(symptoms, expectation.lengths, _missing(outcomes, turn, place), gap, True)
-        gap, turn = [], place + 1
-    _judge_gap(symptoms, expectation.lengths, _missing(outcomes, turn, len(outcomes)), gap, False)
+        if gap or place > turn:
+            unheard = _missing(outcomes, turn, place)
+            _judge_gap(symptoms, expectation.lengths, unheard, gap, data, followed=True)
+            gap = []
+        turn = place + 1
+    if gap or turn < len(ids):
+        unheard = _missing(outcomes, turn, len(ids))
+        _judge_gap(symptoms, expectation.lengths, unheard, gap, data, followed=False)
     return symptoms
 
 
 def _missing(outcomes: list[Outcome], first: int, end: int) -> list[int]:
-    return [place for place in range(first, end) if outcomes[place] != Outcome.ANSWERED]
+    return [place for place in range(first, end) if outcomes[place] is not _ANSWERED]
 
 
 def _judge_gap(
@@ -154,33 +162,40 @@ def _judge_gap(
     lengths: Sequence[int],
     missing: list[int],
     gap: list[Segment],
+    data: bytes,
+    *,
     followed: bool,
 ) -> None:
     """Accounts for the bytes between two answers, or after the last one."""
     outcomes = symptoms.outcomes
-    total = sum(segment.end - segment.start for segment in gap)
-    zeros = sum(segment.end - segment.start for segment in gap if segment.kind is Kind.ZEROS)
+    zeros = stray = broken = 0
+    for segment in gap:
+        size = segment.end - segment.start
+        if segment.kind is _ZEROS:
+            zeros += size
+        elif segment.kind is _STRAY:
+            nothing = data.count(0, segment.start, segment.end)
+            zeros += nothing
+            stray += size - nothing
+        else:
+            broken += size
+    total = zeros + stray + broken
     if missing and total == zeros <= len(missing):
         # Nothing was said; single zeros are a line without a driver, or a rhythmic jammer.
         symptoms.zeros += zeros
         _mark(outcomes, missing, Outcome.LOST if followed else Outcome.SILENT, followed)
         return
-    damaged = _damaged_in_place(lengths, missing, total, zeros, followed)
+    damaged = _damaged_in_place(lengths, missing, total, zeros, followed) if missing else 0
     if damaged:
         for place in missing[:damaged]:
             outcomes[place] = Outcome.DAMAGED
         return
-    for segment in gap:
-        size = segment.end - segment.start
-        if segment.kind is Kind.ZEROS:
-            symptoms.zeros += size
-        elif segment.kind is Kind.STRAY:
-            symptoms.stray += size
-        else:
-            symptoms.broken += size
+    symptoms.zeros += zeros
+    symptoms.stray += stray
+    symptoms.broken += broken
     if not missing:
         return
-    begun = any(s.kind in (Kind.BAD_CRC, Kind.TRUNCATED) and _is_head(s) for s in gap)
+    begun = broken and any(s.kind in (Kind.BAD_CRC, Kind.TRUNCATED) and _is_head(s) for s in gap)
     if begun or (followed and total > zeros):
         _mark(outcomes, missing, Outcome.DAMAGED, followed)
     else:
@@ -218,11 +233,13 @@ def _without_places(expectation: Expectation, answers: Answers, data: bytes) -> 
     symptoms = Symptoms([], len(answers.statuses))
     for segment in segments:
         size = segment.end - segment.start
-        if segment.kind is Kind.ZEROS:
+        if segment.kind is _ZEROS:
             symptoms.zeros += size
-        elif segment.kind is Kind.STRAY:
-            symptoms.stray += size
-        elif segment.kind is not Kind.PACKET:
+        elif segment.kind is _STRAY:
+            nothing = data.count(0, segment.start, segment.end)
+            symptoms.zeros += nothing
+            symptoms.stray += size - nothing
+        elif segment.kind is not _PACKET:
             symptoms.broken += size
     if not expectation.fast:
         symptoms.outcomes = [
@@ -336,15 +353,15 @@ def _is_rhythmic(segments: list[Segment]) -> bool:
     zeros = 0
     packets = 0
     for index, segment in enumerate(segments):
-        if segment.kind is Kind.ZEROS:
+        if segment.kind is _ZEROS:
             zeros = segment.end - segment.start
             if zeros > (LEADING_ZEROS if index == 0 else 1):
                 return False
-        elif segment.kind is Kind.PACKET:
+        elif segment.kind is _PACKET:
             if not zeros:
                 return False
             packets += 1
             zeros = 0
-        elif segment.kind is Kind.STRAY:
+        elif segment.kind is _STRAY:
             return False
     return packets > 0

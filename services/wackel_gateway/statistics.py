@@ -43,7 +43,8 @@ class Counters:
             self._clean[ids] = self._clean.get(ids, 0) + 1
         else:
             totals.incomplete += bool(answers.missing)
-            self._account(answers.segments, frozenset(ids))
+            data = b"".join(data for _, data in outcome.chunks)
+            self._account(answers.segments, data, frozenset(ids))
             self._owed(ids, 1)
             self._received([status.id for status in answers.statuses], 1)
         for servo_id, error, _, _ in answers.statuses:
@@ -90,7 +91,7 @@ class Counters:
             if servo_id in self._servos:
                 self._servos[servo_id].received += times
 
-    def _account(self, segments: list[Segment], expected: frozenset[int]) -> None:
+    def _account(self, segments: list[Segment], data: bytes, expected: frozenset[int]) -> None:
         totals = self.totals
         for segment in segments:
             length = segment.end - segment.start
@@ -100,7 +101,9 @@ class Counters:
                 case Kind.ZEROS:
                     totals.zero_bytes += length
                 case Kind.STRAY:
-                    totals.stray_bytes += length
+                    zeros = data.count(0, segment.start, segment.end)
+                    totals.zero_bytes += zeros
+                    totals.stray_bytes += length - zeros
                 case Kind.BAD_CRC | Kind.TRUNCATED:
                     totals.bad_bytes += length
                     if segment.id in expected and segment.id in self._servos:

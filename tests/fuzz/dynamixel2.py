@@ -144,7 +144,7 @@ def answers_round(rng: np.random.Generator) -> Outcome:
                 outcome.violations.append(f"a healthy answer was not read: {data.hex()}")
         if quick.segments is not None:
             try:
-                assert_tiles(quick.segments, data)
+                assert_tiles(quick.segments, data, runs=False)
             except AssertionError as broken:
                 outcome.violations.append(f"segments do not tile the burst: {broken}")
     return outcome

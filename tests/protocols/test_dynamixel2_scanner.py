@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -5,6 +7,7 @@ from hypothesis import strategies as st
 from tests.protocols.material import assert_tiles, judge, nasty_bytes, packets, vectors
 from wackel_protocols.dynamixel2 import Kind, Scanner, StatusPacket, decode, scan
 from wackel_protocols.dynamixel2.packet import HEADER, Packet, ping
+from wackel_protocols.dynamixel2.scanner import Segment
 
 ID_107 = bytes([255, 255, 253, 0, 107, 7, 0, 85, 0, 65, 1, 44, 93, 231])
 ID_1 = bytes([255, 255, 253, 0, 1, 7, 0, 85, 0, 55, 1, 42, 154, 192])
@@ -93,18 +96,30 @@ def test_all_published_packets_in_one_stream_are_found_in_order() -> None:
     ]
 
 
-@given(streams, st.lists(st.integers(1, 60), max_size=40))
+@given(streams, st.lists(st.integers(1, 60), max_size=40), st.booleans())
 def test_segments_tile_any_stream_and_do_not_depend_on_how_it_is_cut(
-    data: bytes, cuts: list[int]
+    data: bytes, cuts: list[int], runs: bool
 ) -> None:
-    whole = scan(data)
-    assert_tiles(whole, data)
-    scanner, segments, at = Scanner(), [], 0
+    whole = scan(data, runs=runs)
+    assert_tiles(whole, data, runs=runs)
+    scanner, segments, at = Scanner(runs=runs), [], 0
     for cut in cuts:
         segments += scanner.feed(data[at : at + cut])
         at += cut
     segments += scanner.feed(data[at:])
     assert segments + scanner.finish() == whole
+
+
+@given(streams)
+def test_without_runs_only_neighbours_outside_packets_become_one(data: bytes) -> None:
+    merged: list[Segment] = []
+    for segment in scan(data):
+        outside = segment.kind in (Kind.ZEROS, Kind.STRAY)
+        if outside and merged and merged[-1].kind in (Kind.ZEROS, Kind.STRAY):
+            merged[-1] = replace(merged[-1], kind=Kind.STRAY, end=segment.end)
+        else:
+            merged.append(segment)
+    assert scan(data, runs=False) == merged
 
 
 @given(streams)

@@ -29,6 +29,8 @@ from wackel_protocols.dynamixel2.packet import (
 )
 from wackel_protocols.dynamixel2.scanner import Kind, Segment, scan
 
+_FOREIGN = frozenset((Kind.ZEROS, Kind.STRAY))
+
 
 class Status(NamedTuple):
     """One servo's answer.
@@ -61,7 +63,8 @@ class Answers:
     Attributes:
         missing: Expected servos without an intact answer, in the order of the request.
         unexpected: Intact answers of servos that were not asked, and second answers.
-        segments: The account of all the bytes; absent if clean.
+        segments: The account of all the bytes, without single runs (see :class:`.Scanner`);
+            absent if clean.
     """
 
     __slots__ = ("_data", "_places", "_statuses", "missing", "segments", "unexpected")
@@ -165,10 +168,12 @@ class AnswerReader:
     def _account(self, data: bytes) -> Answers:
         """The same for any bytes whatever."""
         expectation = self.expectation
-        segments = scan(data)
+        segments = scan(data, runs=False)
         answered: dict[int, Status] = {}
         unexpected: list[Status] = []
         for segment in segments:
+            if segment.kind in _FOREIGN:
+                continue
             for status in self._statuses_of(segment, data):
                 asked = expectation.broadcast_ping or status.id in expectation.ids
                 if asked and status.id not in answered:

@@ -87,9 +87,17 @@ _IMPOSSIBLE_IDS = frozenset(byte for byte in range(256) if not is_id(byte))
 
 
 class Scanner:
-    """Takes a stream in any chunks and gives the segments that tile it, without gap or overlap."""
+    """Takes a stream in any chunks and gives the segments that tile it, without gap or overlap.
 
-    def __init__(self, data: bytes = b"") -> None:
+    Args:
+        data: The first chunk.
+        runs: Split what is in no packet into runs of zeros and of other bytes. If not, it is one
+            segment from packet to packet, ``ZEROS`` if it holds nothing else: a jammer makes
+            hundreds of runs, and who only counts bytes need not pay for each.
+    """
+
+    def __init__(self, data: bytes = b"", *, runs: bool = True) -> None:
+        self._runs = runs
         self._buffer = data
         self._base = 0  # offset of the buffer's first byte
         self._done = 0  # everything before is in a segment or in the open run
@@ -200,6 +208,9 @@ class Scanner:
 
     def _extend_runs(self, end: int, segments: list[Segment]) -> None:
         base = self._base
+        if not self._runs:
+            self._extend_run(end)
+            return
         for run in _RUNS.finditer(self._buffer, self._done - base, end - base):
             kind = Kind.ZEROS if self._buffer[run.start()] == 0 else Kind.STRAY
             if self._run is not None and self._run.kind is kind:
@@ -209,12 +220,26 @@ class Scanner:
                 self._run = Segment(kind, base + run.start(), base + run.end())
         self._done = end
 
+    def _extend_run(self, end: int) -> None:
+        """The same without a look at single runs."""
+        begin, self._done = self._done, end
+        if begin == end:
+            return
+        zeros = self._buffer.count(0, begin - self._base, end - self._base)
+        kind = Kind.ZEROS if zeros == end - begin else Kind.STRAY
+        if self._run is None:
+            self._run = Segment(kind, begin, end)
+        else:
+            self._run.end = end
+            if kind is Kind.STRAY:
+                self._run.kind = kind
+
     def _close_run(self, segments: list[Segment]) -> None:
         if self._run is not None:
             segments.append(self._run)
             self._run = None
 
 
-def scan(data: bytes) -> list[Segment]:
-    """The segments of a whole recording."""
-    return Scanner(data).finish()
+def scan(data: bytes, *, runs: bool = True) -> list[Segment]:
+    """The segments of a whole recording; ``runs`` as in :class:`Scanner`."""
+    return Scanner(data, runs=runs).finish()
