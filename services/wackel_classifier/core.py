@@ -265,7 +265,7 @@ class BusClassifier:
         on_time = transaction.host_lag_ns < HOST_SPOILS_NS
         if single is not None and times and answers.clean and on_time:
             size = STATUS_BYTES + len(answers.statuses[0].parameters)
-            self._timing.response(single, times[-1].ns, size, transaction.baud_rate, stamp)
+            self._timing.response(single, times[-1].ns, size, transaction.baud_rate, now_ns, stamp)
         look_at_motion = request.is_motion_due(self._slot)
         if look_at_motion:
             request.slot = self._slot

@@ -6,6 +6,7 @@ so baud rate, adapter and host drop out.
 """
 
 from collections import Counter, deque
+from dataclasses import dataclass, field
 from math import ceil, log
 from statistics import median, median_low
 
@@ -36,10 +37,23 @@ SLOWEST_NS = 1_200_000
 """No servo at work needs longer: Return Delay Time at most 508 µs, processing and USB frame some
 600 µs more (thesis, 2.7: 672 µs with a delay of 500 µs; 1000 µs with a latency timer of 1 ms)."""
 LATENCY_SAMPLES = 12
-LATENCY_SHARE = 0.75
 LATENCY_SERVOS = 3
-"""At least three quarters of the latest answers must be that late, of at least three servos (all,
-if there are fewer): one slow servo is not the adapter. Small buses need two of each."""
+"""One slow servo is not the adapter: of the latest answers, so many servos (all, if there are
+fewer) and most of those asked must have been later than any servo needs."""
+LATENCY_LATE = 0.7
+"""Share of answers that a latency timer of 4 ms makes that late; a longer one more of them."""
+SOUND_LATE = 0.05
+SOUND_MEMORY = 1000
+"""The same for a sound adapter and a busy host, at least; followed over so many answers."""
+LATENCY_CERTAIN = -log(1e-9)
+SOUND_CERTAIN = -log(1e-4)
+"""How improbable by chance the evidence must be (Wald's sequential test of the two shares, begun
+anew wherever it falls below zero): as for a servo; a verdict is taken back more easily."""
+HOST_BUSY_NS = 1_000_000_000
+HOST_BUSY_SHARE = 0.1
+HOST_BUSY_TIMES = 5
+"""For each time (up to so many) that the host overslept lately, so many more of the answers may
+be its own doing."""
 HOST_LATE_NS = 5_000_000
 """Oversleeping that costs a whole cycle at 200 Hz."""
 HOST_LATE_TIMES = 3
@@ -50,36 +64,58 @@ REGISTER_UNIT_NS = 2_000
 """Of Return Delay Time (e-manual)."""
 
 
+@dataclass(slots=True)
+class _Servo:
+    """Attributes: ``delays`` the latest; ``late`` answers in a row that came late although another
+    servo's just before had not, since ``late_since``; ``on_time`` answers in a row after these;
+    ``register`` Return Delay Time, since ``register_since``; ``after_time_out`` answers that came
+    when nobody listened, the last at ``after_time_out_ns``.
+    """
+
+    delays: deque[int] = field(default_factory=lambda: deque(maxlen=SAMPLES))
+    late: int = 0
+    late_since: int = 0
+    on_time: int = 0
+    register: int | None = None
+    register_since: int = 0
+    after_time_out: int = 0
+    after_time_out_ns: int = -LATE_ANSWER_NS
+
+    def own(self, delay: int) -> int:
+        """A delay without the part that the servo was told to wait."""
+        return delay if self.register is None else delay - self.register * REGISTER_UNIT_NS
+
+    def clear(self) -> None:
+        """It is not slow, or what was seen says nothing about it."""
+        self.late = self.on_time = 0
+
+
 class Timing:
     """Follows response times and Return Delay Time registers."""
 
     def __init__(self, chain: Chain, return_delay_us: int | None) -> None:
         self._chain = chain
         self._configured = None if return_delay_us is None else return_delay_us // 2
-        size = len(chain)
-        self._delays: list[deque[int]] = [deque(maxlen=SAMPLES) for _ in range(size)]
-        self._late: list[int] = [0] * size
-        self._late_since: list[int] = [0] * size
-        self._registers: list[int | None] = [None] * size
-        self._register_since: list[int] = [0] * size
-        samples = min(LATENCY_SAMPLES, max(4, 2 * size))
-        self._recent: deque[tuple[int, int]] = deque(maxlen=samples)  # position, delay
+        self._servos = [_Servo() for _ in range(len(chain))]
         self._usual_ns = 0.0
         self._scatter_ns = 0.0
-        self._latency_since = 0
-        self._host: deque[tuple[int, int, int]] = deque(maxlen=HOST_LATE_TIMES)
         self._late_share = LATE_SHARE_START
         self._late_in_row = _row(LATE_SHARE_START)
-        self._late_answers = [0] * size
-        self._late_answer_ns = [-LATE_ANSWER_NS] * size
+        self._latest: tuple[int, bool] = (-1, False)  # position, whether it was late
+        self._other_late = False  # whether the latest answer of another servo than that was late
+        self._adapter = _Adapter(len(chain))
+        self._latency_since = 0
+        self._busy: deque[int] = deque(maxlen=HOST_BUSY_TIMES)
+        self._host: deque[tuple[int, int, int]] = deque(maxlen=HOST_LATE_TIMES)
 
-    @property
-    def suspicious(self) -> bool:
-        """Whether anything is slower than it should be."""
-        return bool(self._host or self._latency_since) or any(self._late)
-
-    def response(
-        self, position: int, response_ns: int, answer_bytes: int, baud_rate: int, stamp: int
+    def response(  # noqa: PLR0917
+        self,
+        position: int,
+        response_ns: int,
+        answer_bytes: int,
+        baud_rate: int,
+        now_ns: int,
+        stamp: int,
     ) -> None:
         """One servo was asked alone and has answered.
 
@@ -88,120 +124,134 @@ class Timing:
             response_ns: From the end of the instruction to the end of the answer.
             answer_bytes: Its length.
             baud_rate: Bit/s.
+            now_ns: Classifier's time.
             stamp: Of the transaction.
         """
         delay = response_ns - answer_bytes * BITS_PER_BYTE * 1_000_000_000 // max(baud_rate, 1)
-        self._recent.append((position, delay))
-        self._delays[position].append(delay)
-        own = self._own(position, delay)
-        late = bool(self._usual_ns) and own > self._usual_ns + self._margin()
-        if late:
-            if not self._late[position]:
-                self._late_since[position] = stamp
-            self._late[position] += 1
-        else:
-            self._late[position] = 0
-        if self._late[position] < LATE_IN_ROW:  # what is slow by itself says nothing of the host
+        self._adapter.answer(position, delay, self._host_share(now_ns))
+        if self._latency_since:
+            return  # what is measured through such an adapter tells nothing about single servos
+        servo = self._servos[position]
+        servo.delays.append(delay)
+        late = bool(self._usual_ns) and servo.own(delay) > self._usual_ns + self._margin()
+        self._judge(position, late, stamp)
+        if servo.late < LATE_IN_ROW:  # what is slow by itself says nothing of the host
             self._late_share += (late - self._late_share) / LATE_MEMORY
+
+    def _judge(self, position: int, late: bool, stamp: int) -> None:
+        latest, was_late = self._latest
+        if latest != position:
+            self._other_late = was_late
+        self._latest = position, late
+        servo = self._servos[position]
+        if not late:
+            servo.on_time += 1
+            if servo.late < self._late_in_row or servo.on_time >= LATE_IN_ROW:
+                servo.clear()
+        elif not self._other_late:  # else it may be the host or the adapter, for all alike
+            servo.on_time = 0
+            if not servo.late:
+                servo.late_since = stamp
+            servo.late += 1
 
     def late_answer(self, position: int, now_ns: int, stamp: int) -> None:
         """A servo has answered when the host no longer listened."""
-        self._recent.append((position, SLOWEST_NS + 1))
-        self._late_answers[position] += 1
-        if now_ns - self._late_answer_ns[position] < LATE_ANSWER_NS:
-            return
-        self._late_answer_ns[position] = now_ns
-        if not self._late[position]:
-            self._late_since[position] = stamp
-        self._late[position] += 1
+        self._adapter.answer(position, SLOWEST_NS + 1, self._host_share(now_ns))
+        servo = self._servos[position]
+        servo.after_time_out += 1
+        if now_ns - servo.after_time_out_ns >= LATE_ANSWER_NS and not self._latency_since:
+            servo.after_time_out_ns = now_ns
+            self._judge(position, True, stamp)
 
     def register(self, position: int, value: int, stamp: int) -> None:
         """Return Delay Time was read."""
-        if self._registers[position] != value:
-            self._registers[position] = value
-            self._register_since[position] = stamp
+        servo = self._servos[position]
+        if servo.register != value:
+            servo.register = value
+            servo.register_since = stamp
             # What was measured with another delay tells nothing about this one.
-            self._late[position] = 0
-            self._delays[position].clear()
+            servo.clear()
+            servo.delays.clear()
 
     def host_lag(self, lag_ns: int, now_ns: int, stamp: int) -> None:
-        """The host was late by so much."""
+        """The host was late by so much, at least :data:`HOST_SPOILS_NS`."""
+        self._busy.append(now_ns)
         if lag_ns >= HOST_LATE_NS:
             self._host.append((now_ns, lag_ns, stamp))
 
     def gone(self, position: int) -> None:
         """A servo is out of reach."""
-        self._late[position] = 0
+        self._servos[position].clear()
 
     def tick(self) -> None:
         """Works out what is usual; call some times a second."""
-        typical = [
-            median(self._own(position, delay) for delay in delays)
-            for position, delays in enumerate(self._delays)
-            if delays
-        ]
-        if not typical:
+        if self._latency_since:
             return
+        known = [(s, [s.own(delay) for delay in s.delays]) for s in self._servos if s.delays]
+        if not known:
+            return
+        typical = [median(delays) for _, delays in known]
         # Of two, the quicker one is usual.
         self._usual_ns = max(1.0, median_low(typical))
-        deviations = [
-            abs(self._own(position, delay) - middle)
-            for (position, delays), middle in zip(
-                ((p, d) for p, d in enumerate(self._delays) if d), typical, strict=True
-            )
+        self._scatter_ns = median(
+            abs(delay - middle)
+            for (_, delays), middle in zip(known, typical, strict=True)
             for delay in delays
-        ]
-        self._scatter_ns = median(deviations)
+        )
         self._late_in_row = _row(self._late_share)
 
     def findings(self, now_ns: int, stamp: int) -> list[Finding]:
         """What is slow, and why."""
         findings = self._host_findings(now_ns)
-        latency = self._latency(stamp)
         wrong = self._wrong_registers()
         findings += wrong
+        latency = self._latency(stamp)
         if latency is not None:
-            # What is measured through such an adapter tells nothing about single servos.
-            self._late = [0] * len(self._chain)
             return [*findings, latency]
-        if 2 * sum(count > 0 for count in self._late) > max(2, len(self._chain)):
+        slow = [place for place, servo in enumerate(self._servos) if servo.late]
+        if 2 * len(slow) > max(2, len(self._chain)):
             return findings  # whatever it is, most of them share it
         explained = {finding.component for finding in wrong}
-        for position, count in enumerate(self._late):
-            if count >= LATE_IN_ROW and self._chain.servo(position) not in explained:
-                findings.append(self._slow(position, self._chain.servo(position)))
-        return findings
-
-    def _own(self, position: int, delay: int) -> int:
-        """A delay without the part that the servo was told to wait."""
-        register = self._registers[position]
-        return delay if register is None else delay - register * REGISTER_UNIT_NS
+        return findings + [
+            self._slow(place)
+            for place in slow
+            if self._servos[place].late >= self._late_in_row
+            and self._chain.servo(place) not in explained
+        ]
 
     def _margin(self) -> float:
         return max(LEAST_LATE_NS, SCATTER * self._scatter_ns)
 
-    def _slow(self, position: int, servo: str) -> Finding:
-        delays = self._delays[position]
+    def _host_share(self, now_ns: int) -> float:
+        """Share of answers that may be late because the host is, lately."""
+        busy = self._busy
+        while busy and now_ns - busy[0] > HOST_BUSY_NS:
+            busy.popleft()
+        return HOST_BUSY_SHARE * len(busy)
+
+    def _slow(self, position: int) -> Finding:
+        servo = self._servos[position]
         values: dict[str, float | int | str] = {
-            "late_in_row": self._late[position],
+            "late_in_row": servo.late,
             "usual_us": round(self._usual_ns / 1e3, 1),
         }
-        summary = f"{self._late[position]} answers in a row came late"
-        if delays:
-            recent = median(list(delays)[-LATE_IN_ROW:])
+        summary = f"{servo.late} answers in a row came late"
+        if servo.delays:
+            recent = median(list(servo.delays)[-LATE_IN_ROW:])
             values["delay_us"] = round(recent / 1e3, 1)
             summary += f": {recent / 1e3:.0f} µs, its peers need {self._usual_ns / 1e3:.0f} µs"
-        if self._late_answers[position]:
-            values["after_time_out"] = self._late_answers[position]
-        register = self._registers[position]
-        if register is not None:
-            values["return_delay_register"] = register
-        return Finding("slow_servo", servo, 0.9, self._late_since[position], summary, values)
+        if servo.after_time_out:
+            values["after_time_out"] = servo.after_time_out
+        if servo.register is not None:
+            values["return_delay_register"] = servo.register
+        return Finding(
+            "slow_servo", self._chain.servo(position), 0.9, servo.late_since, summary, values
+        )
 
     def _wrong_registers(self) -> list[Finding]:
-        known = [value for value in self._registers if value is not None]
         right = self._configured
         if right is None:
+            known = [servo.register for servo in self._servos if servo.register is not None]
             if len(known) < 3:
                 return []
             right, votes = Counter(known).most_common(1)[0]
@@ -212,38 +262,33 @@ class Timing:
                 "return_delay",
                 self._chain.servo(position),
                 0.99,
-                self._register_since[position],
-                f"register Return Delay Time holds {value} ({2 * value} µs), "
+                servo.register_since,
+                f"register Return Delay Time holds {servo.register} ({2 * servo.register} µs), "
                 f"it should hold {right} ({2 * right} µs)",
-                {"return_delay_register": value, "expected_register": right},
+                {"return_delay_register": servo.register, "expected_register": right},
             )
-            for position, value in enumerate(self._registers)
-            if value is not None and value != right
+            for position, servo in enumerate(self._servos)
+            if servo.register is not None and servo.register != right
         ]
 
     def _latency(self, stamp: int) -> Finding | None:
-        recent = self._recent
-        late = [position for position, delay in recent if delay > SLOWEST_NS]
-        needed = min(LATENCY_SERVOS, len(self._chain))
-        if (
-            len(recent) < (recent.maxlen or 0)
-            or len(late) < LATENCY_SHARE * len(recent)
-            or len(set(late)) < needed
-        ):
-            if self._latency_since:
-                for delays in self._delays:
-                    delays.clear()
+        adapter = self._adapter
+        if not adapter.holds:
             self._latency_since = 0
             return None
-        self._latency_since = self._latency_since or stamp
-        typical = median(delay for _, delay in recent) / 1e6  # at least, if answers came too late
+        if not self._latency_since:
+            self._latency_since = stamp
+            for servo in self._servos:
+                servo.clear()
+        typical = adapter.typical_ns() / 1e6  # at least, if answers came too late
+        late = adapter.late()
         return Finding(
             "latency_timer",
             component.adapter(self._chain.bus),
             0.9 if len(self._chain) > 1 else 0.6,
             self._latency_since,
-            f"{len(late)} of {len(recent)} answers of {len(set(late))} servos come later than any "
-            f"servo needs: typically {typical:.1f} ms",
+            f"{len(late)} of {LATENCY_SAMPLES} answers of {len(set(late))} servos come later than "
+            f"any servo needs: typically {typical:.1f} ms",
             {"delay_ms": round(typical, 2), "late": len(late)},
             [] if len(self._chain) > 1 else [self._chain.servo(0)],
         )
@@ -266,6 +311,52 @@ class Timing:
                 {"longest_ms": round(longest, 2)},
             )
         ]
+
+
+class _Adapter:
+    """Whether the adapter holds answers back.
+
+    Attributes:
+        holds: The verdict.
+    """
+
+    holds = False
+
+    def __init__(self, servos: int) -> None:
+        self._least = min(LATENCY_SERVOS, servos)
+        self._recent: deque[tuple[int, int]] = deque(maxlen=LATENCY_SAMPLES)  # position, delay
+        self._evidence = 0.0  # that the verdict is wrong
+        self._late_share = 0.0
+
+    def answer(self, position: int, delay: int, host_share: float) -> None:
+        """An answer; ``host_share`` of them may be late because the host was late just now."""
+        self._recent.append((position, delay))
+        late = delay > SLOWEST_NS
+        sound = min(max(SOUND_LATE, self._late_share) + host_share, LATENCY_LATE - 0.1)
+        if not self.holds:
+            self._late_share += (late - self._late_share) / SOUND_MEMORY
+        odds = log(LATENCY_LATE / sound) if late else log((1.0 - LATENCY_LATE) / (1.0 - sound))
+        if self.holds:
+            self._evidence = max(0.0, self._evidence - odds)
+            if self._evidence >= SOUND_CERTAIN:
+                self.holds, self._evidence = False, 0.0
+        else:
+            self._evidence = min(max(0.0, self._evidence + odds), LATENCY_CERTAIN)
+            if self._evidence >= LATENCY_CERTAIN and self._is_shared():
+                self.holds, self._evidence = True, 0.0
+
+    def late(self) -> list[int]:
+        """Positions of those that answered later than any servo needs, once for each answer."""
+        return [position for position, delay in self._recent if delay > SLOWEST_NS]
+
+    def typical_ns(self) -> float:
+        """Median of the latest."""
+        return median(delay for _, delay in self._recent)
+
+    def _is_shared(self) -> bool:
+        late = set(self.late())
+        asked = {position for position, _ in self._recent}
+        return len(late) >= self._least and 2 * len(late) > len(asked)
 
 
 def _row(share: float) -> int:

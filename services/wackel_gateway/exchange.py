@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from time import monotonic_ns, sleep
 
+from wackel_gateway.lateness import Lateness
 from wackel_gateway.outcome import Outcome, unsolicited
 from wackel_gateway.patience import Patience
 from wackel_gateway.port import Port, PortLost
@@ -32,6 +33,7 @@ class _Flight:
     begin_ns: int
     sent_ns: int
     deadline_ns: int
+    until_ns: int  # listening goes on so long: to the deadline, or longer where answers are late
 
 
 class Exchange:
@@ -47,6 +49,7 @@ class Exchange:
         self.port = port
         self.patience = patience
         self._interrupted = interrupted
+        self._lateness = Lateness()
         self._flight: _Flight | None = None
         self._free_ns = 0  # when the last byte sent so far has left
         self._missed: frozenset[int] = frozenset()  # by the last transaction
@@ -86,7 +89,9 @@ class Exchange:
         sent_ns = begin_ns + self.patience.wire_ns(len(instruction))
         deadline_ns = sent_ns + self.patience.limit_ns(expected.expectation)
         self._free_ns = sent_ns
-        self._flight = _Flight(purpose, instruction, expected, begin_ns, sent_ns, deadline_ns)
+        self._flight = _Flight(
+            purpose, instruction, expected, begin_ns, sent_ns, deadline_ns, deadline_ns
+        )
 
     def gather(self) -> Outcome:
         """The outcome of what was sent last, once it is complete or time is up.
@@ -125,7 +130,6 @@ class Exchange:
         if not expectation.ids and not expectation.broadcast_ping:
             return chunks, None, 0, flight.sent_ns
         read = self.port.read
-        deadline_ns = flight.deadline_ns
         lag_ns = received = 0
         data = b""
         if len(expectation.ids) > 1:
@@ -133,7 +137,7 @@ class Exchange:
         while True:
             now = monotonic_ns()
             if not data:
-                ready, late_ns = self._wait(deadline_ns - now)
+                ready, late_ns = self._wait(flight.until_ns - now)
                 lag_ns = max(lag_ns, late_ns)
                 now = monotonic_ns()
                 if ready:
@@ -141,7 +145,7 @@ class Exchange:
                     if not data:
                         raise PortLost("it was closed from the other side")
                     now = monotonic_ns()
-                elif now >= deadline_ns or self._interrupted():
+                elif self._interrupted() or self._is_over(flight, chunks, now):
                     return chunks, None, lag_ns, now
                 else:
                     continue
@@ -151,15 +155,28 @@ class Exchange:
             if pause_ns == 0:
                 answers = flight.reader.read(_joined(chunks))
                 if not answers.missing:
+                    if flight.until_ns > flight.deadline_ns:
+                        self.patience.came_late()
+                        self._lateness.was_right()
                     return chunks, answers, lag_ns, now
                 pause_ns = _RECHECK_NS
-            if now >= deadline_ns:  # the bytes may never end
+            if self._is_over(flight, chunks, now):  # the bytes may never end
                 return chunks, None, lag_ns, now
-            pause_ns = min(pause_ns, deadline_ns - now)
+            pause_ns = min(pause_ns, flight.until_ns - now)
             if pause_ns > 0:
                 sleep(pause_ns / 1e9)
                 lag_ns = max(lag_ns, monotonic_ns() - now - pause_ns)
             data = read()
+
+    def _is_over(self, flight: _Flight, chunks: list[tuple[int, bytes]], now_ns: int) -> bool:
+        """Whether to stop listening; late answers may put it off once."""
+        if now_ns < flight.until_ns:
+            return False
+        # A ping asks whether a servo is silent; that shall not take longer than it must.
+        if flight.until_ns == flight.deadline_ns and flight.purpose != "ping":
+            data = _joined(chunks)
+            flight.until_ns = now_ns + self._lateness.extra_ns(flight.reader, data, now_ns)
+        return now_ns >= flight.until_ns
 
     def _sleep_through(self, flight: _Flight) -> tuple[bytes, int]:
         """What came while the answers of several servos usually come, and the oversleeping."""

@@ -88,13 +88,17 @@ _SLOW = (
 )
 _VOLTAGE, _HARDWARE_ERROR, _RETURN_DELAY = range(len(_SLOW))
 _SAG_V = 0.3
-"""Three steps of the voltage register: more than a servo that begins to move makes on sound cables."""
+"""Three steps of the voltage register: more than servos that move make on sound cables."""
 _SWEEPS = 2
-"""Then all voltages are read so often at once: a diagnosis needs one that began after the change."""
+"""Then all voltages are read so often: a diagnosis needs a reading of each after the change."""
 _SWEEP_PAUSE_NS = 2_000_000_000
 _DOUBTED_MOST = 4
 """Servos at a time that are asked again because they answer at another time than usual; with more
 of them it is the adapter or the host, which these few show as well."""
+_DOUBTED_ALONE = 2
+"""So few need others asked between them, to be told apart from a late host or adapter."""
+_PROOFS = 4
+"""Pings that convict a silent servo; ordinary loss takes so many in a row once in 10^12."""
 
 
 @dataclass(slots=True)
@@ -102,12 +106,14 @@ class _Presence:
     """Where a servo stands in the schedule."""
 
     member: Member
+    place: int  # in the chain
     present: bool = False
     proven: bool = False  # has answered a read since it joined
     scattered: int = 0  # answers in a row lost though servos behind it answered
     setbacks: int = 0  # times in a row it answered a ping but not the read that followed
     not_before_ns: int = 0
     waiting: bool = False  # is in one of the two queues for pings
+    pings: int = 0  # in a row that were not answered
     usual: dict[Block, Usual] = field(default_factory=dict)  # when it answers alone
     volts: float | None = None
 
@@ -167,7 +173,10 @@ class Schedule:
         self._roster = roster
         self._period_ns = round(1e9 / rate)
         self._fast_allowed = fast
-        self._servos = {id_: _Presence(member) for id_, member in roster.members.items()}
+        self._servos = {
+            id_: _Presence(member, place)
+            for place, (id_, member) in enumerate(roster.members.items())
+        }
         self._devices = {(id_, block): _Device(_device_job(id_, block)) for id_, block in devices}
         self.cycles = 0
         self.restart(now_ns)
@@ -189,7 +198,8 @@ class Schedule:
         self._alerted: set[int] = set()
         self._urgent: deque[int] = deque()
         self._doubted: dict[int, None] = {}  # servos to ask again, in order
-        self._control = 0  # whom to ask beside a single one of them
+        self._controls = 0  # servos asked between questions to those in doubt
+        self._control_due = True
         self._swept_ns = now_ns - _SWEEP_PAUSE_NS
         self._sweep: deque[int] = deque()
         self._fresh: deque[int] = deque()
@@ -200,6 +210,8 @@ class Schedule:
         for servo_id, servo in self._servos.items():
             servo.present = servo.proven = False
             servo.setbacks = servo.scattered = servo.not_before_ns = 0
+            servo.usual.clear()
+            servo.volts = None
             servo.waiting = True
             self._fresh.append(servo_id)
 
@@ -279,7 +291,7 @@ class Schedule:
                 else:
                     alerted.add(servo_id)
                     self._urgent.append(servo_id)
-                    self._read_voltages(now_ns)
+                    self._sweep_voltages()
 
     # The cycle.
 
@@ -371,6 +383,8 @@ class Schedule:
             servo.not_before_ns = now_ns + pause_ns
         servo.present = servo.proven = False
         servo.scattered = 0
+        servo.volts = None
+        self._doubted.pop(servo_id, None)
         self._cycle_jobs = None
         if not servo.waiting:
             servo.waiting = True
@@ -381,7 +395,14 @@ class Schedule:
     def _extra(self, now_ns: int) -> Job | None:
         """A job that fits before the next cycle, or the one that may delay it."""
         slow_is_due = self._slow and self._slow[0][0] <= now_ns
-        if not (self._urgent or self._fresh or self._silent or slow_is_due):
+        if not (
+            slow_is_due
+            or self._doubted
+            or self._sweep
+            or self._urgent
+            or self._fresh
+            or self._silent
+        ):
             return None
         saved_ns = self._spare_ns + _SPARE_SHARE * (now_ns - self._spare_since_ns)
         self._spare_ns = max(-_SPARE_LIMIT_NS, min(_SPARE_LIMIT_NS, saved_ns))
@@ -401,19 +422,85 @@ class Schedule:
         # A ping that costs more than can be saved up is run on credit, which the debt repays.
         afforded = self._spare_ns >= min(costs["silent"], _SPARE_LIMIT_NS)
         if self._silent and afforded and (fits["silent"] or not self._extra_ran):
-            job = self._ping(self._silent, now_ns)
+            job = self._ping(self._by_need(), now_ns)
             if job is not None:
                 return self._run_extra(job)
+        if self._doubted and (fits["slow"] or not self._extra_ran):
+            job = self._doubt()
+            if job is not None:
+                return self._run_extra(job)
+        if fits["slow"] or (self._spare_ns >= costs["slow"] and not self._extra_ran):
+            job = self._voltage() or self._due(now_ns)
+            if job is not None:
+                return self._run_extra(job)
+        return None
+
+    def _doubt(self) -> Job | None:
+        """Asks a servo that answers at another time than usual once more, for its register."""
+        while self._doubted:
+            servo_id = next(iter(self._doubted))
+            others = [other for other in self.present if other not in self._doubted]
+            if self._control_due and others and len(self._doubted) <= _DOUBTED_ALONE:
+                self._controls += 1
+                servo_id = others[self._controls % len(others)]
+            self._control_due = servo_id in self._doubted
+            job = self._slow_job(_RETURN_DELAY, servo_id)
+            if job is not None:
+                return job
+            self._doubted.pop(servo_id, None)
+        return None
+
+    def _voltage(self) -> Job | None:
+        """The next voltage of a sweep along the chain."""
+        while self._sweep:
+            servo_id = self._sweep.popleft()
+            job = self._slow_job(_VOLTAGE, servo_id)
+            if job is not None and self._servos[servo_id].present:
+                return job
+        return None
+
+    def _due(self, now_ns: int) -> Job | None:
+        """The slow read whose time has come."""
         while self._slow and self._slow[0][0] <= now_ns:
-            if not fits["slow"] and (self._extra_ran or self._spare_ns < costs["slow"]):
-                return None
             _, kind, servo_id = heappop(self._slow)
-            if self._servos[servo_id].present:
-                heappush(self._slow, (now_ns + _SLOW[kind].period_ns, kind, servo_id))
+            servo = self._servos[servo_id]
+            if servo.present:
+                # Each has its own moment within the period, so that none waits for many others and
+                # what befalls the bus soon meets one of them.
+                period_ns = _SLOW[kind].period_ns
+                phase_ns = (kind + servo.place / len(self._servos)) / len(_SLOW) * period_ns
+                earliest_ns = now_ns + period_ns // 2
+                due_ns = earliest_ns + (round(phase_ns) - earliest_ns) % period_ns
+                heappush(self._slow, (due_ns, kind, servo_id))
                 job = self._slow_job(kind, servo_id)
                 if job is not None:
-                    return self._run_extra(job)
+                    return job
         return None
+
+    def _answered_alone(
+        self, servo_id: int, block: Block, answers: Answers, took_ns: int, now_ns: int
+    ) -> None:
+        """Looks for signs that something has changed, which are followed up at once."""
+        servo = self._servos[servo_id]
+        self._doubted.pop(servo_id, None)
+        usual = servo.usual.setdefault(block, Usual())
+        if usual.departs(took_ns):
+            if len(self._doubted) < _DOUBTED_MOST:
+                self._doubted[servo_id] = None
+            else:
+                usual.accept()
+        volts = _volts(servo.member, block, answers)
+        if volts is None:
+            return
+        before, servo.volts = servo.volts, volts
+        sagged = before is not None and abs(volts - before) >= _SAG_V
+        if sagged and now_ns - self._swept_ns >= _SWEEP_PAUSE_NS:
+            self._swept_ns = now_ns
+            self._sweep_voltages()
+
+    def _sweep_voltages(self) -> None:
+        if not self._sweep:
+            self._sweep.extend(self.present * _SWEEPS)
 
     def _run_extra(self, job: Job) -> Job:
         self._extra_ran = True
@@ -428,14 +515,30 @@ class Schedule:
             waiting.append(servo_id)
         return None
 
+    def _by_need(self) -> deque[int]:
+        """The silent servos; first those of which a few more pings tell what has happened.
+
+        These are the ones with others behind them that answer, and the first of those at the end.
+        """
+        last = max((s.place for s in self._servos.values() if s.present), default=-1)
+        for servo_id in self._silent:
+            servo = self._servos[servo_id]
+            if servo.pings < _PROOFS and servo.place <= last + 1:
+                self._silent.remove(servo_id)
+                self._silent.appendleft(servo_id)
+                break
+        return self._silent
+
     def _pinged(self, servo_id: int, answers: Answers, took_ns: int, now_ns: int) -> None:
         servo = self._servos[servo_id]
         if answers.missing:
+            servo.pings += 1
             self._costs.add("silent", took_ns)
             self._silent.append(servo_id)
             return
         servo.waiting = False
         servo.present = True
+        servo.pings = 0
         self._needs_proof = True
         self._cycle_jobs = None
         for status in answers.statuses:
@@ -455,6 +558,16 @@ class Schedule:
             return None
         instruction = packet.read(servo_id, block.address, block.length)
         return Job(Stage.SLOW, "background", instruction, (servo_id,), block)
+
+
+def _volts(member: Member, block: Block, answers: Answers) -> float | None:
+    """The input voltage, if it is in this block."""
+    register = member.model.registers.get("present_input_voltage")
+    if register is None or not block.address <= register.address < block.address + block.length:
+        return None
+    start = register.address - block.address
+    data = answers.statuses[0].parameters[start : start + register.length]
+    return register.to_si(register.decode(data)) if len(data) == register.length else None
 
 
 def _read_job(stage: Stage, block: Block, ids: tuple[int, ...], *, fast: bool) -> Job:
