@@ -230,6 +230,12 @@ FAULT_CODES: dict[str, FaultCode] = {
         "Check its cable and its driver; restart the driver.",
         "fault",
     ),
+    "gyro_absent": FaultCode(
+        "{component} is not there: {reason}.",
+        "Check its cable, that its driver is loaded (ls /sys/bus/iio/devices), gyros.*.device in "
+        "robot.toml, and the permission (udev rule in compose/udev).",
+        "fault",
+    ),
     "gyro_silent": FaultCode(
         "{component} sends nothing.",
         "Check its cable, its driver, and the name under which the driver publishes.",
@@ -316,6 +322,7 @@ EXPLAINS: dict[str, frozenset[str]] = {
     "return_delay": frozenset({"slow_servo"}),
     "latency_timer": frozenset({"slow_servo"}),
     "gyro_silent": frozenset({"gyro_rate"}),
+    "gyro_absent": frozenset({"gyro_silent", "gyro_rate"}),
 }
 
 

@@ -19,8 +19,9 @@ _COMMIT_S = 1.0
 def needed_services(config: RobotConfig) -> list[str]:
     """The services without which nothing is known of the robot."""
     gateways = [f"gateway/{bus}" for bus in config.buses]
+    gyros = [f"imu/{name}" for name, gyro in config.gyros.items() if gyro.source == "iio"]
     odometry = ["odometry/main"] if config.drive is not None else []
-    return [*gateways, "classifier/main", *odometry] if gateways else []
+    return [*gateways, *gyros, "classifier/main", *odometry] if gateways else []
 
 
 def state_directory(config: RobotConfig) -> Path:

@@ -24,6 +24,7 @@ MAX_PERIOD_S = 60.0
 # A Raspberry Pi that boots needs some seconds to load Python for all services at once.
 START_UP_S = 10.0
 MAX_SERVICES = 64
+_PLAYED = ("gateway/", "imu/")
 
 
 @dataclass(slots=True)
@@ -87,12 +88,12 @@ class ServiceBook:
 
     @property
     def needed(self) -> frozenset[str]:
-        """Without which health is unknown; a recording that is played stands for the gateways."""
+        """Without which health is unknown; a recording that is played stands for the sensors."""
         played = any(
             name.startswith("playback/") and service.status == "ready"
             for name, service in self._services.items()
         )
-        return frozenset(n for n in self._needed if not (played and n.startswith("gateway/")))
+        return frozenset(n for n in self._needed if not (played and n.startswith(_PLAYED)))
 
     def heartbeat(self, name: str, beat: Heartbeat, now: Instant) -> Heartbeat | None:
         """Takes in a sign of life.

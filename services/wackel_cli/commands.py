@@ -39,6 +39,7 @@ GROUPS: dict[str, dict[str, Command]] = {
     },
     "Single services (wackel up runs them for you)": {
         "gateway": Command("wackel_gateway.__main__", "own a servo bus and publish its traffic"),
+        "imu": Command("wackel_imu.__main__", "read a gyro of this computer (Linux IIO)"),
         "classifier": Command("wackel_classifier.__main__", "name bus faults from raw traffic"),
         "odometry": Command("wackel_odometry.__main__", "pose and twist from wheels and gyros"),
         "aggregator": Command("wackel_aggregator.__main__", "merge all faults into one health"),

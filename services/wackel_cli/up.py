@@ -113,6 +113,11 @@ def robot_jobs(
     return [
         *(job(name, "virtual") for name in first),
         *(job(f"gateway/{bus}", "gateway", "--bus", bus, after=first) for bus in config.buses),
+        *(
+            job(f"imu/{name}", "imu", "--gyro", name)
+            for name, gyro in config.gyros.items()
+            if gyro.source == "iio"
+        ),
         *readers,
     ]
 

@@ -4,14 +4,14 @@ from time import monotonic_ns
 
 from wackel_gateway.commands import Refused
 from wackel_gateway.decode import Decoder
-from wackel_gateway.faults import AdapterFault
 from wackel_gateway.outcome import Outcome
 from wackel_gateway.roster import Roster
 from wackel_gateway.statistics import Counters
+from wackel_node.absence import Absence
 from wackel_node.config import BusConfig
 from wackel_node.log import logger
 from wackel_node.node import Node
-from wackel_schemas import keys
+from wackel_schemas import component, keys
 from wackel_schemas.bus import BusState, BusStatistics, Transaction
 from wackel_schemas.fault import FaultReport
 
@@ -39,7 +39,7 @@ class Reporter:
             baud_rate=config.baud_rate,
         )
         self._counters = Counters(self.statistics, config.ids(), monotonic_ns())
-        self._fault = AdapterFault(bus, config.port)
+        self._fault = Absence("adapter_unplugged", component.adapter(bus), config.port)
         self._transactions = node.publisher(keys.TRANSACTION, bus=bus)
         self._states = node.publisher(keys.STATE, bus=bus)
         self._statistics = node.publisher(keys.STATISTICS, bus=bus)

@@ -78,7 +78,7 @@ def test_udev_rules_are_lists_of_matches_and_assignments() -> None:
     text = (COMPOSE / "udev" / "99-wackel.rules").read_text()
     term = r'[A-Z]+(\{[A-Za-z_/]+\})?(==|=|\+=|!=)"[^"]*"'
     rules = [line.lstrip("#") for line in text.splitlines() if "==" in line and "# " not in line]
-    assert len(rules) == 3
+    assert len(rules) == 4
     for rule in rules:
         assert re.fullmatch(rf"{term}(, {term})*", rule), rule
     assert 'ATTR{latency_timer}="1"' in text

@@ -1,30 +1,33 @@
-"""The gateway's own fault: the adapter is not there. Pure; times come in as stamps."""
+"""The fault of a service whose device is not there. Pure; times come in as stamps."""
 
 from typing import Literal
 
-from wackel_schemas import component
 from wackel_schemas.fault import Evidence, FaultReport
 from wackel_schemas.fault_codes import FAULT_CODES, message
 
-_CODE = "adapter_unplugged"
 
+class Absence:
+    """Whether a device is missing, as reports: on a change, and again while it is.
 
-class AdapterFault:
-    """Whether the adapter of one bus is missing, as reports: on a change, and again while it is.
+    Args:
+        code: Of the fault; its text has a reason.
+        component: The device, as a path.
+        place: Where it should be.
 
     Attributes:
         active: Whether it is missing.
     """
 
-    def __init__(self, bus: str, port: str) -> None:
-        self._component = component.adapter(bus)
-        self._port = port
+    def __init__(self, code: str, component: str, place: str) -> None:
+        self._code = code
+        self._component = component
+        self._place = place
         self._since = 0
         self._reason = ""
         self.active = False
 
     def lost(self, reason: str, stamp: int) -> FaultReport | None:
-        """The port went away or cannot be opened; a report unless this is known already."""
+        """It went away or cannot be opened; a report unless this is known already."""
         if self.active and reason == self._reason:
             return None
         if not self.active:
@@ -34,7 +37,7 @@ class AdapterFault:
         return self._report("active", stamp)
 
     def back(self, stamp: int) -> FaultReport | None:
-        """The port is open; a report if it was missing."""
+        """It is there; a report if it was missing."""
         if not self.active:
             return None
         self.active = False
@@ -49,15 +52,15 @@ class AdapterFault:
         return report
 
     def _report(self, status: Literal["active", "healed"], stamp: int) -> FaultReport:
-        summary = f"{self._port}: {self._reason}"
+        summary = f"{self._place}: {self._reason}"
         return FaultReport(
             stamp=stamp,
-            code=_CODE,
+            code=self._code,
             component=self._component,
             status=status,
             confidence=1.0,
-            message=message(_CODE, self._component, reason=self._reason),
-            remedy=FAULT_CODES[_CODE].remedy,
+            message=message(self._code, self._component, reason=self._reason),
+            remedy=FAULT_CODES[self._code].remedy,
             evidence=Evidence(summary=summary),
             since=self._since,
         )

@@ -1,10 +1,11 @@
-"""The adapter's fault: on a change at once, then again for those who come later."""
+"""A device that is missing: on a change at once, then again for those who come later."""
 
-from wackel_gateway.faults import AdapterFault
+from wackel_node.absence import Absence
+from wackel_schemas import component
 
 
 def test_it_is_told_on_a_change_and_repeated_on_request() -> None:
-    fault = AdapterFault("main", "/dev/ttyUSB0")
+    fault = Absence("adapter_unplugged", component.adapter("main"), "/dev/ttyUSB0")
     assert fault.again(1) is None
     first = fault.lost("it was unplugged", 10)
     assert first is not None
