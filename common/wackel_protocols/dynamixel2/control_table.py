@@ -30,13 +30,31 @@ from wackel_protocols.dynamixel2.tables import (
     Series,
 )
 
-BAUD_RATES = (9_600, 57_600, 115_200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
-"""Bit/s by the value of the Baud Rate register; the X330 series ends at 6, the XL-320 at 3."""
+BAUD_RATES = (
+    9_600,
+    57_600,
+    115_200,
+    1_000_000,
+    2_000_000,
+    3_000_000,
+    4_000_000,
+    4_500_000,
+    6_000_000,
+    10_500_000,
+)
+"""Bit/s by the value of the Baud Rate register (e-manual, "Baud Rate").
+
+Only the P series knows all; X and MX end at 7, the X330 series at 6, the XL-320 at 3.
+"""
 
 _RPM = tau / 60
 _X_VELOCITY = 0.0239691227
 """rad/s; the manual rounds it to 0.229 rev/min, the vendor's ``.model`` files give these digits."""
 _X_PWM_FULL, _P_PWM_FULL = 885, 2009
+_HIGHEST_BAUD_RATE = {Series.X: 7, Series.X330: 6, Series.MX: 7, Series.P: 9}
+_HIGHEST_VELOCITY_LIMIT = {Series.X: 1023, Series.X330: 2047, Series.MX: 1023}
+"""The P series may not be set beyond its initial value."""
+_P_HIGHEST_GAIN = 32767
 _PER_MINUTE_SQUARED = tau / 3600
 
 
@@ -194,6 +212,7 @@ def generic(series: Series) -> Model:
             series,
             resolution=relative.resolution,
             centre=relative.centre,
+            shutdown=None,
             has_current=series is not Series.XL320,
         )
     )
@@ -262,25 +281,44 @@ def _own_values(facts: Facts) -> dict[str, _Values]:
     """Initial value and limits by register where they are not the same for all series."""
     full_pwm = _P_PWM_FULL if facts.series is Series.P else _X_PWM_FULL
     own = {
+        "baud_rate": _Values(1, 0, _HIGHEST_BAUD_RATE[facts.series]),
         "pwm_limit": _Values(full_pwm, 0, full_pwm),
         "current_limit": _Values(facts.current_limit, 0, facts.current_limit),
-        "velocity_limit": _Values(facts.velocity_limit, 0),
         "temperature_limit": _Values(facts.temperature_limit, 0, 100),
+        "shutdown": _Values(facts.shutdown),
     }
     if facts.voltages is not None:
-        own["min_voltage_limit"] = _Values(facts.voltages[0])
-        own["max_voltage_limit"] = _Values(facts.voltages[1])
-    if facts.series is Series.P:
-        own["profile_velocity"] = own["profile_acceleration"] = _Values(None, 0)
-    else:
-        last = round(facts.resolution) - 1
-        own["min_position_limit"] = _Values(0, 0, last)
-        own["max_position_limit"] = _Values(last, 0, last)
-        own["moving_threshold"] = _Values(10, 0, 1023)
-    if facts.series is Series.X330:
-        own["baud_rate"] = _Values(1, 0, 6)
-        own["shutdown"] = _Values()
-    return own
+        least, low, high = facts.voltages
+        own["min_voltage_limit"] = _Values(low, least, high)
+        own["max_voltage_limit"] = _Values(high, least, high)
+    return own | (_own_p_values(facts) if facts.series is Series.P else _own_x_values(facts))
+
+
+def _own_x_values(facts: Facts) -> dict[str, _Values]:
+    last = round(facts.resolution) - 1
+    greatest_velocity = _HIGHEST_VELOCITY_LIMIT[facts.series]
+    return {
+        "homing_offset": _Values(0, -1_044_479, 1_044_479),
+        "moving_threshold": _Values(facts.moving_threshold, 0, 1023),
+        "velocity_limit": _Values(facts.velocity_limit, 0, greatest_velocity),
+        "min_position_limit": _Values(0, 0, last),
+        "max_position_limit": _Values(last, 0, last),
+    }
+
+
+def _own_p_values(facts: Facts) -> dict[str, _Values]:
+    half_turn = round(facts.resolution / 2)
+    own = {
+        "moving_threshold": _Values(facts.moving_threshold, 0, facts.velocity_limit),
+        "velocity_limit": _Values(facts.velocity_limit, 0, facts.velocity_limit),
+        "acceleration_limit": _Values(None, 0, facts.acceleration_limit),
+        "min_position_limit": _Values(-facts.position_limit, -half_turn, half_turn),
+        "max_position_limit": _Values(facts.position_limit, -half_turn, half_turn),
+        "profile_velocity": _Values(None, 0),
+        "profile_acceleration": _Values(None, 0),
+    }
+    gains = [row for row in P_ROWS if row.name.endswith("_gain")]
+    return own | {gain.name: _Values(gain.initial, 0, _P_HIGHEST_GAIN) for gain in gains}
 
 
 def _register(row: Row, facts: Facts) -> Register:

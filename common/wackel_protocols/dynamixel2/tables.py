@@ -1,9 +1,12 @@
 """Control tables and models as data: what the manual prints, row by row.
 
-Sources: ROBOTIS e-manual, one page for each model (addresses, initial values, ranges, units);
-``.model`` files of the vendor's DynamixelSDK 4.1 (model numbers, addresses, pulses in a
-revolution, velocity unit); the vendor's Dynamixel2Arduino (current units and limits). A value that
-the page of the model was not at hand for is absent, not guessed.
+Sources: ROBOTIS e-manual, the page of each model, "Control Table of EEPROM Area" and "Control Table
+of RAM Area" (addresses, initial values, ranges, units), all models compared with it; ``.model``
+files of the vendor's DynamixelSDK 4.1 (model numbers, addresses, pulses in a revolution, velocity
+unit); the vendor's Dynamixel2Arduino (``actuator.h``: model numbers; ``Dynamixel2Arduino.cpp``:
+current units, velocity and PWM limits). Where they disagree the newest edition of the model's page
+stands; older ones have higher velocity limits for XM430 and MX and, like the library, a current
+limit of 2047 for XH540-V. A value that no source settles is absent, not guessed.
 """
 
 from enum import StrEnum
@@ -61,6 +64,14 @@ class Row(NamedTuple):
     direction_bit: int | None = None
 
 
+class Voltages(NamedTuple):
+    """Raw values of the voltage limits, 0.1 V: both may be set to ``least`` … ``high``."""
+
+    least: int
+    low: int
+    high: int
+
+
 class Facts(NamedTuple):
     """What tells one model from others of its series.
 
@@ -71,8 +82,12 @@ class Facts(NamedTuple):
         current_unit: A for each raw unit.
         current_limit: Greatest current, raw.
         velocity_limit: Initial value, raw.
-        voltages: Initial minimal and maximal voltage limit, 0.1 V.
+        voltages: Initial minimal and maximal voltage limit, and the range of both.
         temperature_limit: Initial value, °C.
+        shutdown: Initial value.
+        moving_threshold: Initial value, raw.
+        acceleration_limit: Greatest value, raw; P series only.
+        position_limit: Initial value to both sides, raw; P series only.
         resolution: Pulses in a revolution.
         centre: Raw position that is 0 rad.
         has_current: Reports current; otherwise load.
@@ -86,8 +101,12 @@ class Facts(NamedTuple):
     current_unit: float | None = None
     current_limit: int | None = None
     velocity_limit: int | None = None
-    voltages: tuple[int, int] | None = None
+    voltages: Voltages | None = None
     temperature_limit: int | None = None
+    shutdown: int | None = 52
+    moving_threshold: int = 10
+    acceleration_limit: int = 0
+    position_limit: int = 0
     resolution: float = 4096
     centre: int = 2048
     has_current: bool = True
@@ -102,7 +121,7 @@ _X_EEPROM = (
     Row("model_information", 2, 4, area="eeprom", access="r"),
     Row("firmware_version", 6, 1, area="eeprom", access="r"),
     Row("id", 7, 1, area="eeprom", initial=1, minimum=0, maximum=252),
-    Row("baud_rate", 8, 1, area="eeprom", initial=1, minimum=0, maximum=7),
+    Row("baud_rate", 8, 1, area="eeprom", initial=1, minimum=0),
     Row("return_delay_time", 9, 1, Q.DELAY, "eeprom", initial=250, minimum=0, maximum=254),
     Row("drive_mode", 10, 1, area="eeprom", initial=0),
     Row("operating_mode", 11, 1, area="eeprom", initial=3, minimum=0, maximum=16),
@@ -118,7 +137,7 @@ _X_EEPROM = (
     Row("velocity_limit", 44, 4, Q.VELOCITY, "eeprom", minimum=0),
     Row("max_position_limit", 48, 4, Q.POSITION, "eeprom", signed=True),
     Row("min_position_limit", 52, 4, Q.POSITION, "eeprom", signed=True),
-    Row("shutdown", 63, 1, area="eeprom", initial=52),
+    Row("shutdown", 63, 1, area="eeprom"),
 )
 
 _X_RAM = (
@@ -127,20 +146,20 @@ _X_RAM = (
     Row("status_return_level", 68, 1, initial=2, minimum=0, maximum=2),
     Row("registered_instruction", 69, 1, access="r", initial=0),
     Row("hardware_error_status", 70, 1, access="r", initial=0),
-    Row("velocity_i_gain", 76, 2, minimum=0),
-    Row("velocity_p_gain", 78, 2, minimum=0),
-    Row("position_d_gain", 80, 2, minimum=0),
-    Row("position_i_gain", 82, 2, minimum=0),
-    Row("position_p_gain", 84, 2, minimum=0),
-    Row("feedforward_2nd_gain", 88, 2, initial=0, minimum=0),
-    Row("feedforward_1st_gain", 90, 2, initial=0, minimum=0),
+    Row("velocity_i_gain", 76, 2, minimum=0, maximum=16383),
+    Row("velocity_p_gain", 78, 2, minimum=0, maximum=16383),
+    Row("position_d_gain", 80, 2, minimum=0, maximum=16383),
+    Row("position_i_gain", 82, 2, minimum=0, maximum=16383),
+    Row("position_p_gain", 84, 2, minimum=0, maximum=16383),
+    Row("feedforward_2nd_gain", 88, 2, initial=0, minimum=0, maximum=16383),
+    Row("feedforward_1st_gain", 90, 2, initial=0, minimum=0, maximum=16383),
     # -1 is how the servo reports that the watchdog has bitten; it cannot be written.
     Row("bus_watchdog", 98, 1, Q.WATCHDOG, initial=0, minimum=0, maximum=127, signed=True),
     Row("goal_pwm", 100, 2, Q.PWM, signed=True),
     Row("goal_current", 102, 2, Q.CURRENT, signed=True),
     Row("goal_velocity", 104, 4, Q.VELOCITY, signed=True),
-    Row("profile_acceleration", 108, 4, Q.ACCELERATION, initial=0, minimum=0),
-    Row("profile_velocity", 112, 4, Q.VELOCITY, initial=0, minimum=0),
+    Row("profile_acceleration", 108, 4, Q.ACCELERATION, initial=0, minimum=0, maximum=32767),
+    Row("profile_velocity", 112, 4, Q.VELOCITY, initial=0, minimum=0, maximum=32767),
     Row("goal_position", 116, 4, Q.POSITION, signed=True),
     Row("realtime_tick", 120, 2, Q.TICK, access="r", minimum=0, maximum=32767),
     Row("moving", 122, 1, access="r", initial=0),
@@ -171,6 +190,7 @@ P_ROWS = (
 LOAD_ROW = Row("present_load", 126, 2, Q.LOAD, access="r", signed=True)
 """Stands where models that measure current have Present Current."""
 
+# The unit of the two velocities is that of Joint Mode; in Wheel Mode it is 0.1 % of the greatest.
 XL320_ROWS = (
     Row("model_number", 0, 2, area="eeprom", access="r"),
     Row("firmware_version", 2, 1, area="eeprom", access="r"),
@@ -206,53 +226,99 @@ XL320_ROWS = (
 )
 
 FAST_SYNC_READ_FIRMWARE = {Series.X: 45, Series.X330: 46, Series.P: 12}
-"""First firmware that knows fast sync read (e-manual, Protocol 2.0, "Fast Sync Read")."""
+"""First firmware that knows fast sync read (e-manual, Protocol 2.0, "Fast Sync Read").
 
-_12_V = (95, 160)
-_X, _X330, _MX, _P = Series.X, Series.X330, Series.MX, Series.P
+rustypot 1.13 also has 46 for the XL330. An XL-320 does not answer it (DynamixelSDK issue 576).
+"""
 
+_5_V, _12_V, _24_V = Voltages(31, 35, 70), Voltages(95, 95, 160), Voltages(110, 110, 300)
+_XL_V, _XC_V, _XC330_T_V = Voltages(60, 60, 140), Voltages(60, 60, 160), Voltages(55, 55, 140)
+_P_V = Voltages(150, 150, 350)
+_X, _X330, _MX = Series.X, Series.X330, Series.MX
+
+
+def _load(name: str, number: int, velocity_limit: int, voltages: Voltages, degrees: int) -> Facts:
+    """A model of the X series that measures load instead of current."""
+    return Facts(name, number, _X, None, None, velocity_limit, voltages, degrees, has_current=False)
+
+
+def _p(name: str, number: int, limits: tuple[int, int, int, int], half_turn: int) -> Facts:
+    """A model of the P series.
+
+    Args:
+        name: As in :class:`Facts`.
+        number: As in :class:`Facts`.
+        limits: Of current, velocity, acceleration and position, raw.
+        half_turn: How far the position limits may be set.
+    """
+    current, velocity, acceleration, position = limits
+    return Facts(
+        name,
+        number,
+        Series.P,
+        1e-3,
+        current,
+        velocity,
+        _P_V,
+        80,
+        shutdown=58,
+        moving_threshold=20,
+        acceleration_limit=acceleration,
+        position_limit=position,
+        resolution=2 * half_turn,
+        centre=0,
+    )
+
+
+# By number; then as in Facts: A for each raw unit, current limit, velocity limit, voltages, °C.
+# The XC330 measures the current at its supply, unlike the others (its page, "Current Limit").
 MODELS = (
     Facts("MX-28", 30, _MX, None, None, 230, _12_V, 80, has_current=False),
-    Facts("MX-64", 311, _MX, 3.36e-3, 1941, None, _12_V, 80),
-    Facts("MX-106", 321, _MX, 3.36e-3, 2047, None, _12_V, 80),
+    # 1941 is the control table's, in all editions, and the English text's; the Korean text and
+    # Dynamixel2Arduino have the XM430's 1193. That would be 4.0 A, less than the page's stall
+    # currents (4.1 A at 12 V, 5.2 A at 14.8 V); the limits of MX-106, XM and XH lie above theirs.
+    Facts("MX-64", 311, _MX, 3.36e-3, 1941, 285, _12_V, 80),
+    Facts("MX-106", 321, _MX, 3.36e-3, 2047, 210, _12_V, 80),
     # 0 … 1023 over 300°; 512 is the middle.
     Facts("XL-320", 350, Series.XL320, resolution=1024 * 360 / 300, centre=512, has_current=False),
-    Facts("XH430-W350", 1000, _X, 2.69e-3, 648),
-    Facts("XD430-T350", 1001, _X, 2.69e-3, 648),
-    Facts("XH430-W210", 1010, _X, 2.69e-3, 648),
-    Facts("XD430-T210", 1011, _X, 2.69e-3, 648),
+    Facts("XH430-W350", 1000, _X, 2.69e-3, 648, 130, _12_V, 80),
+    # Early editions of the XD pages repeat the XH's numbers; these are of ``actuator.h``.
+    Facts("XD430-T350", 1001, _X, 2.69e-3, 648, 130, _12_V, 80),
+    Facts("XH430-W210", 1010, _X, 2.69e-3, 648, 210, _12_V, 80),
+    Facts("XD430-T210", 1011, _X, 2.69e-3, 648, 210, _12_V, 80),
     Facts("XM430-W350", 1020, _X, 2.69e-3, 1193, 200, _12_V, 80),
     Facts("XM430-W210", 1030, _X, 2.69e-3, 1193, 330, _12_V, 80),
-    Facts("XH430-V350", 1040, _X, 1.34e-3, 689),
-    Facts("XH430-V210", 1050, _X, 1.34e-3, 689),
-    Facts("XL430-W250", 1060, _X, None, None, None, (60, 140), 72, has_current=False),
-    Facts("XC430-W150", 1070, _X, has_current=False),
-    Facts("XC430-W240", 1080, _X, has_current=False),
-    Facts("2XL430-W250", 1090, _X, has_current=False, dual=True),
+    Facts("XH430-V350", 1040, _X, 1.34e-3, 689, 135, _24_V, 80),
+    Facts("XH430-V210", 1050, _X, 1.34e-3, 689, 230, _24_V, 80),
+    _load("XL430-W250", 1060, 265, _XL_V, 72),
+    _load("XC430-W150", 1070, 460, _XC_V, 80)._replace(moving_threshold=20),
+    _load("XC430-W240", 1080, 306, _XC_V, 80),
+    _load("2XL430-W250", 1090, 250, _XL_V, 72)._replace(dual=True),
     Facts("XH540-W270", 1100, _X, 2.69e-3, 2047, 167, _12_V, 80),
-    Facts("XD540-T270", 1101, _X, 2.69e-3, 2047),
-    Facts("XH540-W150", 1110, _X, 2.69e-3, 2047),
-    Facts("XD540-T150", 1111, _X, 2.69e-3, 2047),
-    Facts("XM540-W270", 1120, _X, 2.69e-3, 2047),
-    Facts("XM540-W150", 1130, _X, 2.69e-3, 2047),
-    Facts("XH540-V270", 1140, _X, 2.69e-3, 1188),
-    Facts("XH540-V150", 1150, _X, 2.69e-3, 1188),
-    Facts("2XC430-W250", 1160, _X, has_current=False, dual=True),
-    Facts("XW540-T260", 1170, _X, 2.69e-3, 2047, has_led=False),
-    Facts("XW540-T140", 1180, _X, 2.69e-3, 2047, has_led=False),
-    Facts("XL330-M077", 1190, _X330, 1e-3, 1750),
-    Facts("XL330-M288", 1200, _X330, 1e-3, 1750, 445, (35, 70), 70),
-    Facts("XC330-T181", 1210, _X330, 1e-3, 910),
-    Facts("XC330-T288", 1220, _X330, 1e-3, 910, 320, (55, 140), 70),
-    Facts("XC330-M181", 1230, _X330, 1e-3, 2352),
-    Facts("XC330-M288", 1240, _X330, 1e-3, 2352),
-    Facts("XW430-T333", 1270, _X, 2.69e-3, 2047, has_led=False),
-    Facts("XW430-T200", 1280, _X, 2.69e-3, 2047, has_led=False),
-    Facts("XW540-H260", 1310, _X, has_led=False),
-    Facts("PH42-020-S300", 2000, _P, 1e-3, 4500, resolution=607500, centre=0),
-    Facts("PH54-100-S500", 2010, _P, 1e-3, 15900, resolution=1003846, centre=0),
-    Facts("PH54-200-S500", 2020, _P, 1e-3, 22740, 2900, (150, 350), 80, 1003846, 0),
-    Facts("PM42-010-S260", 2100, _P, 1e-3, 1461, resolution=526374, centre=0),
-    Facts("PM54-040-S250", 2110, _P, 1e-3, 4470, resolution=502834, centre=0),
-    Facts("PM54-060-S250", 2120, _P, 1e-3, 7980, resolution=502834, centre=0),
+    Facts("XD540-T270", 1101, _X, 2.69e-3, 2047, 167, _12_V, 80),
+    Facts("XH540-W150", 1110, _X, 2.69e-3, 2047, 300, _12_V, 80),
+    Facts("XD540-T150", 1111, _X, 2.69e-3, 2047, 300, _12_V, 80),
+    Facts("XM540-W270", 1120, _X, 2.69e-3, 2047, 128, _12_V, 80),
+    Facts("XM540-W150", 1130, _X, 2.69e-3, 2047, 230, _12_V, 80),
+    Facts("XH540-V270", 1140, _X, 2.69e-3, 1188, 128, _24_V, 80),
+    Facts("XH540-V150", 1150, _X, 2.69e-3, 1188, 230, _24_V, 80),
+    _load("2XC430-W250", 1160, 275, _XC_V, 80)._replace(dual=True),
+    Facts("XW540-T260", 1170, _X, 2.69e-3, 2047, 170, _12_V, 80, has_led=False),
+    Facts("XW540-T140", 1180, _X, 2.69e-3, 2047, 304, _12_V, 80, has_led=False),
+    Facts("XL330-M077", 1190, _X330, 1e-3, 1750, 1620, _5_V, 70, shutdown=53),
+    Facts("XL330-M288", 1200, _X330, 1e-3, 1750, 445, _5_V, 70, shutdown=53),
+    Facts("XC330-T181", 1210, _X330, 1e-3, 910, 510, _XC330_T_V, 70),
+    Facts("XC330-T288", 1220, _X330, 1e-3, 910, 320, _XC330_T_V, 70),
+    Facts("XC330-M181", 1230, _X330, 1e-3, 2352, 545, _5_V, 70),
+    Facts("XC330-M288", 1240, _X330, 1e-3, 2352, 350, _5_V, 70),
+    Facts("XW430-T333", 1270, _X, 2.69e-3, 2047, 139, _12_V, 80, has_led=False),
+    Facts("XW430-T200", 1280, _X, 2.69e-3, 2047, 235, _12_V, 80, has_led=False),
+    Facts("XW540-H260", 1310, _X, 2.69e-3, 1188, 145, _24_V, 80, has_led=False),
+    _p("PH42-020-S300", 2000, (4500, 2920, 4_306_173, 303_454), 303_750),
+    _p("PH54-100-S500", 2010, (15900, 2920, 4_255_632, 501_433), 501_923),
+    # Its table has 52 for Shutdown, its text marks the bits of 58 as default.
+    _p("PH54-200-S500", 2020, (22740, 2900, 3_992_644, 501_433), 501_923)._replace(shutdown=None),
+    _p("PM42-010-S260", 2100, (1461, 2600, 4_346_756, 262_931), 263_187),
+    _p("PM54-040-S250", 2110, (4470, 2840, 4_414_976, 251_173), 251_417),
+    _p("PM54-060-S250", 2120, (7980, 2830, 4_457_932, 251_173), 251_417),
 )
