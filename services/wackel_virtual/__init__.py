@@ -6,6 +6,10 @@ all of them as discrete events. ``board``: a device that is no servo. ``disturba
 ``bus``: what can go wrong.
 ``scenario``: files that say what goes wrong when. ``port``, ``service``: the process.
 
+What the servos move: ``drivetrain`` (motors and sensors), ``body``, ``fast_body``,
+``mujoco_body`` (the floor), ``gyro``, ``calibration_errors``; ``drive_faults``, ``drive_course``
+(what can go wrong); ``coupled_drive`` (on the bus), ``drive_simulation`` (without one).
+
 The bus is pure: time is an argument, so an hour of traffic takes seconds in a test::
 
     bus = VirtualBus(config, seed=1)

@@ -6,16 +6,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from wackel_node import log
+from wackel_node.algebra import single_threaded
 from wackel_node.arguments import add_config, config_of
 from wackel_node.errors import FAILED, OK
 
 if TYPE_CHECKING:
     from wackel_schemas.virtual import Injection
+    from wackel_virtual.faults import Kind
 
 _RUN = """\
 Runs a virtual robot: every bus of robot.toml as a pseudo-terminal at its port's path, with servos
 that answer as real ones do, in real time. Any Dynamixel software can open it. Without robot.toml
-there are 12 XM430-W210 with the ids 1 to 12 at 1 Mbit/s on ./wackel-bus.
+there are 12 XM430-W210 with the ids 1 to 12 at 1 Mbit/s on ./wackel-bus. With [drive] the servos
+move wheels on a floor, and gyros of source "topic" are published.
 
 While it runs, from another terminal:
   wackel virtual inject KIND ...   break something
@@ -37,6 +40,7 @@ examples:
   wackel virtual inject break --servo 5
   wackel virtual inject loose_contact --servo 5 --value 8 --for 20
   wackel virtual inject noise --value 1e-5
+  wackel virtual inject wheel_blocked --wheel left --for 5
 """
 
 
@@ -69,6 +73,11 @@ def _run(argv: list[str]) -> int:
         "--seed", type=int, help="of everything random (default: that of the scenario, else 0)"
     )
     parser.add_argument(
+        "--physics",
+        choices=["fast", "mujoco"],
+        help="of the drive: without contacts, or MuJoCo (default: that of the scenario, else fast)",
+    )
+    parser.add_argument(
         "--no-zenoh", action="store_true", help="do not listen for inject, heal and list"
     )
     parser.add_argument(
@@ -89,6 +98,7 @@ def _run(argv: list[str]) -> int:
 
     import msgspec
 
+    single_threaded()
     from wackel_virtual.scenario import load_scenario, of_robot, tapped
     from wackel_virtual.service import run, run_alone
 
@@ -98,6 +108,8 @@ def _run(argv: list[str]) -> int:
         scenario = of_robot(config_of(arguments))
     if arguments.seed is not None:
         scenario = msgspec.structs.replace(scenario, seed=arguments.seed)
+    if arguments.physics is not None:
+        scenario = msgspec.structs.replace(scenario, physics=arguments.physics)
     if taps:
         scenario = tapped(scenario, taps, "--tap")
     (run_alone if arguments.no_zenoh else run)(scenario)
@@ -113,8 +125,8 @@ def _tap(text: str) -> tuple[str, str]:
 
 def _inject(argv: list[str]) -> int:
     from wackel_schemas.virtual import Injection
-    from wackel_virtual.faults import KINDS
 
+    kinds = _all_kinds()
     parser = argparse.ArgumentParser(
         prog="wackel virtual inject",
         description="Makes a fault on the running virtual robot. `wackel virtual kinds` explains\n"
@@ -122,7 +134,7 @@ def _inject(argv: list[str]) -> int:
         epilog=_INJECT_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("kind", metavar="KIND", choices=KINDS, help=", ".join(KINDS))
+    parser.add_argument("kind", metavar="KIND", choices=kinds, help=", ".join(kinds))
     _add_place(parser)
     parser.add_argument("--value", metavar="X", type=float, help="its strength, by kind")
     parser.add_argument(
@@ -140,6 +152,7 @@ def _inject(argv: list[str]) -> int:
         kind=arguments.kind,
         bus=arguments.bus,
         servo=arguments.servo,
+        wheel=arguments.wheel,
         value=arguments.value,
         start_s=arguments.after,
         duration_s=arguments.duration_s,
@@ -149,19 +162,25 @@ def _inject(argv: list[str]) -> int:
 
 def _heal(argv: list[str]) -> int:
     from wackel_schemas.virtual import Injection
-    from wackel_virtual.faults import KINDS
 
     parser = argparse.ArgumentParser(
         prog="wackel virtual heal",
-        description="Repairs the running virtual robot: all faults, or only those of a kind, a bus "
-        "or a servo. An alert that a servo has raised stays until the servo is rebooted.",
+        description="Repairs the running virtual robot: all faults, or only those of a kind, a "
+        "bus, a servo or a wheel. An alert that a servo has raised stays until it is rebooted.",
     )
     parser.add_argument(
-        "kind", metavar="KIND", nargs="?", default="", choices=["", *KINDS], help="only this kind"
+        "kind",
+        metavar="KIND",
+        nargs="?",
+        default="",
+        choices=["", *_all_kinds()],
+        help="only this kind",
     )
     _add_place(parser)
     arguments = _parsed(parser, argv)
-    wanted = Injection(kind=arguments.kind, bus=arguments.bus, servo=arguments.servo)
+    wanted = Injection(
+        kind=arguments.kind, bus=arguments.bus, servo=arguments.servo, wheel=arguments.wheel
+    )
     return _ask("heal", wanted, arguments)
 
 
@@ -173,8 +192,7 @@ def _list(argv: list[str]) -> int:
 
 
 def _kinds(argv: list[str]) -> int:
-    from wackel_virtual.faults import KINDS
-
+    kinds = _all_kinds()
     parser = argparse.ArgumentParser(
         prog="wackel virtual kinds", description="Explains every kind of fault."
     )
@@ -182,7 +200,7 @@ def _kinds(argv: list[str]) -> int:
     if parser.parse_args(argv).json:
         import msgspec
 
-        print(msgspec.json.format(msgspec.json.encode(KINDS), indent=2).decode())
+        print(msgspec.json.format(msgspec.json.encode(kinds), indent=2).decode())
         return OK
 
     import textwrap
@@ -192,14 +210,25 @@ def _kinds(argv: list[str]) -> int:
         "servo": " --servo N",
         "cable": " --servo N",
         "bus or servo": " [--servo N]",
+        "robot": "",
+        "drive": " --wheel W",
+        "steering": " --wheel W",
+        "any wheel": " [--wheel W]",
     }
-    for name, kind in KINDS.items():
+    for name, kind in kinds.items():
         print(f"{name}{places[kind.place]}{' [--value X]' if kind.value else ''}")
         text = kind.text
         if kind.default is not None:
-            text += f" X: {kind.value}, {kind.least:g} to {kind.most:g}, else {kind.default:g}."
+            text += f" X: {kind.value}, {kind.least:.4g} to {kind.most:.4g}, else {kind.default:g}."
         print(textwrap.fill(text, 80, initial_indent="    ", subsequent_indent="    "))
     return OK
+
+
+def _all_kinds() -> "dict[str, Kind]":
+    from wackel_virtual.drive_faults import DRIVE_KINDS
+    from wackel_virtual.faults import KINDS
+
+    return {**KINDS, **DRIVE_KINDS}
 
 
 def _add_place(parser: argparse.ArgumentParser) -> None:
@@ -207,6 +236,7 @@ def _add_place(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--servo", metavar="N", type=int, help="id of the servo; of a cable, the one it leads to"
     )
+    parser.add_argument("--wheel", metavar="W", help="name of the wheel, for faults of the drive")
 
 
 def _parsed(parser: argparse.ArgumentParser, argv: list[str]) -> argparse.Namespace:

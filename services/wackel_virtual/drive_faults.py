@@ -9,10 +9,13 @@ simulation takes any command.
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from math import pi
+from typing import TYPE_CHECKING
 
-from wackel_drive.layout import Layout
 from wackel_schemas.virtual import Injection
 from wackel_virtual.faults import InjectionError, Kind, of_strength
+
+if TYPE_CHECKING:  # it needs numpy, which a command that only lists kinds need not load
+    from wackel_drive.layout import Layout
 
 _ANGLE = "rad to the left"
 _SHARE = "share, positive for more"
@@ -113,7 +116,7 @@ PUSH_S = 0.2
 """A collision with something that gives way."""
 
 
-def checked_drive(injection: Injection, layout: Layout) -> Injection:
+def checked_drive(injection: Injection, layout: "Layout") -> Injection:
     """The injection with its default value filled in.
 
     Raises:
@@ -198,7 +201,9 @@ class DriveConditions:
     patches: list[tuple[float, float, float]] = field(default_factory=list)
 
 
-def drive_conditions(active: Iterable[tuple[Injection, Moment]], layout: Layout) -> DriveConditions:
+def drive_conditions(
+    active: Iterable[tuple[Injection, Moment]], layout: "Layout"
+) -> DriveConditions:
     """What the active faults, which are checked, do together."""
     result = DriveConditions()
     for injection, moment in active:

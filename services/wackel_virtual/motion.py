@@ -84,6 +84,11 @@ class Motion:
         """Whether the shaft is where it should be."""
         return not self._moving
 
+    def unwind(self, turn: float) -> None:
+        """Forget whole turns, rad."""
+        half = turn / 2
+        self.position = (self.position + half) % turn - half
+
     def warm(self, at_ns: int) -> float:
         """The temperature at this time."""
         passed = (at_ns - self._heated_ns) / 1e9

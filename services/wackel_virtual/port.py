@@ -16,10 +16,13 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from fcntl import ioctl
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from wackel_node.config import ConfigError
 from wackel_virtual.bus import VirtualBus
+
+if TYPE_CHECKING:  # it needs numpy, which a robot without wheels need not load
+    from wackel_virtual.coupled_drive import CoupledDrive, Sample
 
 T = TypeVar("T")
 
@@ -105,6 +108,8 @@ class Ports:
     Args:
         buses: Each with the path of its port, by name.
         taps: Paths of second adapters that only listen, by the name of their (tapped) bus.
+        drive: What the buses' servos move.
+        on_sample: Called, in the thread, with what its gyros measure, and how long ago in ns.
 
     Raises:
         ConfigError: A port cannot be made.
@@ -114,7 +119,11 @@ class Ports:
         self,
         buses: Mapping[str, tuple[VirtualBus, Path]],
         taps: Mapping[str, Path] | None = None,
+        drive: "CoupledDrive | None" = None,
+        on_sample: "Callable[[Sample, int], None] | None" = None,
     ) -> None:
+        self._drive = drive
+        self._on_sample = on_sample
         self._buses = {name: bus for name, (bus, _) in buses.items()}
         self._terminals: dict[str, Terminal] = {}
         self._taps: dict[str, Terminal] = {}
@@ -172,6 +181,8 @@ class Ports:
         taps = [(terminal, self._buses[name]) for name, terminal in self._taps.items()]
         while True:
             due = [at for _, bus in lines if (at := bus.next_ns()) is not None]
+            if self._drive is not None:
+                due.append(self._drive.next_ns())
             wait_s = None
             if due:
                 wait_s = max(0.0, (min(due) - (time.monotonic_ns() - origin_ns)) / 1e9)
@@ -196,12 +207,19 @@ class Ports:
                 heard = bus.overheard(now_ns)
                 if heard:
                     terminal.write(b"".join(data for _, data in heard))
+            if self._drive is not None:
+                self._drive.advance(now_ns)
+                for sample in self._drive.samples():
+                    if self._on_sample is not None:
+                        self._on_sample(sample, now_ns - sample.at_ns)
 
     def _run_calls(self, now_ns: int) -> bool:
         """Run what was submitted; False at the end."""
         os.read(self._wake_out, _READ_BYTES)
         for bus in self._buses.values():
             bus.advance(now_ns)
+        if self._drive is not None:
+            self._drive.advance(now_ns)
         while not self._calls.empty():
             call = self._calls.get()
             if call is None:

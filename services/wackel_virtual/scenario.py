@@ -8,18 +8,25 @@
     latency_ms = 1         # USB latency timer
     taps = { main = "tap" } # ports of second adapters that only listen, by bus
 
+    physics = "fast"       # or "mujoco" (extra sim); of a robot with a drive
+
     [[faults]]
     kind = "loose_contact" # `wackel virtual kinds` lists them
     servo = 5              # for a cable, the servo that it leads to
     value = 8
     start_s = 2
     duration_s = 10
+
+    [[faults]]
+    kind = "wheel_blocked" # one of the drive
+    wheel = "left"
+    start_s = 20
 """
 
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
 from msgspec import Meta
@@ -31,7 +38,11 @@ from wackel_node.toml_text import toml_text
 from wackel_schemas.virtual import Injection
 from wackel_virtual.board import boards
 from wackel_virtual.bus import VirtualBus
+from wackel_virtual.drive_faults import DRIVE_KINDS, checked_drive
 from wackel_virtual.faults import InjectionError, checked
+
+if TYPE_CHECKING:
+    from wackel_virtual.coupled_drive import CoupledDrive
 
 DEFAULT_BUS = BusConfig(
     port="wackel-bus",
@@ -47,6 +58,7 @@ class _Fault(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=Tr
     kind: str
     bus: str = ""
     servo: int | None = None
+    wheel: str | None = None
     value: float | None = None
     start_s: Annotated[float, Meta(ge=0)] = 0.0
     duration_s: Positive | None = None
@@ -61,6 +73,7 @@ class _File(msgspec.Struct, kw_only=True, frozen=True, forbid_unknown_fields=Tru
     loss: Share = 0.0
     latency_ms: Annotated[int, Meta(ge=0, le=255)] = 0
     taps: dict[str, str] = {}
+    physics: Literal["fast", "mujoco"] = "fast"
     faults: list[_Fault] = []
 
 
@@ -73,7 +86,8 @@ class Scenario(msgspec.Struct, kw_only=True, frozen=True):
         loss: Share of answers that are lost on healthy buses.
         latency_ms: USB latency timer of the adapters.
         taps: Ports of second adapters, which only listen, by bus.
-        faults: Each with the name of its bus.
+        physics: Of the drive.
+        faults: Each with the name of its bus, or of the drive.
     """
 
     config: RobotConfig
@@ -81,10 +95,11 @@ class Scenario(msgspec.Struct, kw_only=True, frozen=True):
     loss: float = 0.0
     latency_ms: int = 0
     taps: dict[str, str] = {}
+    physics: Literal["fast", "mujoco"] = "fast"
     faults: list[Injection] = []
 
     def make(self) -> dict[str, VirtualBus]:
-        """The buses by name, faults scheduled.
+        """The buses by name, their faults scheduled.
 
         Raises:
             ConfigError: A servo of a model that is not known.
@@ -104,8 +119,25 @@ class Scenario(msgspec.Struct, kw_only=True, frozen=True):
             except ConfigError as error:
                 raise ConfigError(f"buses.{name}: {error}") from error
         for fault in self.faults:
-            buses[fault.bus].inject(fault)
+            if fault.bus:
+                buses[fault.bus].inject(fault)
         return buses
+
+    def make_drive(self, buses: Mapping[str, VirtualBus]) -> "CoupledDrive | None":
+        """What these buses, which are new, move, its faults scheduled; absent without wheels.
+
+        Raises:
+            ImportError: MuJoCo is wanted and not installed.
+        """
+        if self.config.drive is None:
+            return None
+        from wackel_virtual.coupled_drive import CoupledDrive
+
+        drive = CoupledDrive(self.config.drive, self.config.gyros, buses, self.seed, self.physics)
+        for fault in self.faults:
+            if not fault.bus:
+                drive.inject(fault)
+        return drive
 
 
 def of_robot(config: RobotConfig, seed: int = 0) -> Scenario:
@@ -155,6 +187,7 @@ def parse_scenario(text: str, path: Path = Path("scenario.toml")) -> Scenario:
         seed=file.seed,
         loss=file.loss,
         latency_ms=file.latency_ms,
+        physics=file.physics,
         faults=[
             _placed(fault, robot.config, f"{path}: faults[{i}]")
             for i, fault in enumerate(file.faults)
@@ -204,8 +237,18 @@ def bus_of(injection: Injection, config: RobotConfig) -> str:
 def _placed(fault: _Fault, config: RobotConfig, where: str) -> Injection:
     injection = Injection(**msgspec.structs.asdict(fault))
     try:
+        if injection.kind in DRIVE_KINDS:
+            return _on_drive(injection, config)
         name = bus_of(injection, config)
         injection = checked(injection, config.buses[name].ids())
     except InjectionError as error:
         raise ConfigError(f"{where}: {error}") from error
     return msgspec.structs.replace(injection, bus=name)
+
+
+def _on_drive(injection: Injection, config: RobotConfig) -> Injection:
+    if config.drive is None:
+        raise InjectionError(f"{injection.kind}: the robot has no [drive]")
+    from wackel_drive.layout import Layout
+
+    return checked_drive(injection, Layout(config.drive))

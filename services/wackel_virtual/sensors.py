@@ -47,6 +47,10 @@ class Sensors:
         }
         self.measures = {name: how for name, how in measures.items() if name in registers}
 
+    def couple(self, motion: Motion) -> None:
+        """Measure this shaft from now on."""
+        self._motion = motion
+
     def position(self, at_ns: int) -> int:
         """Present Position."""
         self._motion.advance(at_ns)

@@ -2,8 +2,9 @@
 
 import signal
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -11,11 +12,16 @@ from wackel_node.config import RobotConfig
 from wackel_node.log import logger
 from wackel_node.node import Node
 from wackel_schemas import keys
+from wackel_schemas.drive import ImuSample
 from wackel_schemas.virtual import Injection, VirtualReply, VirtualRequest
 from wackel_virtual.bus import VirtualBus
+from wackel_virtual.drive_faults import DRIVE_KINDS
 from wackel_virtual.faults import InjectionError
 from wackel_virtual.port import Ports
 from wackel_virtual.scenario import Scenario, bus_of
+
+if TYPE_CHECKING:
+    from wackel_virtual.coupled_drive import CoupledDrive, Sample
 
 
 def run(scenario: Scenario) -> None:
@@ -23,18 +29,34 @@ def run(scenario: Scenario) -> None:
 
     Raises:
         ConfigError: A port cannot be made, or a model is not known.
+        ImportError: MuJoCo is wanted and not installed.
     """
-    with Node("virtual", "main", scenario.config) as node, _ports(scenario) as ports:
+    config = scenario.config
+    with Node("virtual", "main", config) as node:
+        gyros = {
+            name: node.publisher(keys.IMU, name=name)
+            for name, gyro in config.gyros.items()
+            if gyro.source == "topic"
+        }
 
-        def on_request(request: VirtualRequest) -> VirtualReply:
-            reply = ports.call(lambda buses: obey(request, buses, scenario.config))
-            reply.stamp = node.clock.now_ns()
-            logger.info("%s", reply.text)
-            return reply
+        def on_sample(sample: "Sample", age_ns: int) -> None:
+            # On the thread of the wire, and nothing else uses these publishers.
+            stamp = node.clock.now_ns() - age_ns
+            gyros[sample.name].put(ImuSample(stamp=stamp, angular_velocity=sample.rates))
 
-        node.serve(keys.VIRTUAL_REQUEST, on_request)
-        node.ready()
-        node.run()
+        buses = scenario.make()
+        drive = scenario.make_drive(buses)
+        with _ports(scenario, buses, drive, on_sample) as ports:
+
+            def on_request(request: VirtualRequest) -> VirtualReply:
+                reply = ports.call(lambda buses: obey(request, buses, config, drive))
+                reply.stamp = node.clock.now_ns()
+                logger.info("%s", reply.text)
+                return reply
+
+            node.serve(keys.VIRTUAL_REQUEST, on_request)
+            node.ready()
+            node.run()
 
 
 def run_alone(scenario: Scenario) -> None:
@@ -42,17 +64,22 @@ def run_alone(scenario: Scenario) -> None:
 
     Raises:
         ConfigError: As :func:`run`.
+        ImportError: As :func:`run`.
     """
     stopped = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopped.set())
-    with _ports(scenario):
+    buses = scenario.make()
+    with _ports(scenario, buses, scenario.make_drive(buses)):
         logger.info("ready")
         stopped.wait()
 
 
 def obey(
-    request: VirtualRequest, buses: Mapping[str, VirtualBus], config: RobotConfig
+    request: VirtualRequest,
+    buses: Mapping[str, VirtualBus],
+    config: RobotConfig,
+    drive: "CoupledDrive | None" = None,
 ) -> VirtualReply:
     """Inject, heal or list; what cannot be done is refused with a reason."""
     injection = request.injection
@@ -61,24 +88,52 @@ def obey(
             case "inject":
                 if injection is None:
                     raise InjectionError("inject needs an injection")
-                name = bus_of(injection, config)
-                done = msgspec.structs.replace(buses[name].inject(injection), bus=name)
-                text = f"injected {in_words(done)}"
+                text = f"injected {in_words(_inject(injection, buses, config, drive))}"
             case "heal":
                 wanted = injection or Injection(kind="")
-                names = [bus_of(wanted, config)] if wanted.bus else list(buses)
-                healed = [
-                    in_words(msgspec.structs.replace(fault, bus=name))
-                    for name in names
-                    for fault in buses[name].heal(wanted.kind, wanted.servo)
-                ]
-                text = f"healed {'; '.join(healed)}" if healed else "nothing to heal"
+                healed = _heal(wanted, buses, config, drive)
+                words = "; ".join(map(in_words, healed))
+                text = f"healed {words}" if healed else "nothing to heal"
             case "list":
-                count = len(_active(buses))
+                count = len(_active(buses, drive))
                 text = f"{count} fault{'' if count == 1 else 's'} active"
     except InjectionError as error:
-        return VirtualReply(stamp=0, ok=False, text=str(error), active=_active(buses))
-    return VirtualReply(stamp=0, ok=True, text=text, active=_active(buses))
+        return VirtualReply(stamp=0, ok=False, text=str(error), active=_active(buses, drive))
+    return VirtualReply(stamp=0, ok=True, text=text, active=_active(buses, drive))
+
+
+def _inject(
+    injection: Injection,
+    buses: Mapping[str, VirtualBus],
+    config: RobotConfig,
+    drive: "CoupledDrive | None",
+) -> Injection:
+    if injection.kind in DRIVE_KINDS:
+        if drive is None:
+            raise InjectionError(f"{injection.kind}: the robot has no [drive]")
+        return drive.inject(injection)
+    name = bus_of(injection, config)
+    return msgspec.structs.replace(buses[name].inject(injection), bus=name)
+
+
+def _heal(
+    wanted: Injection,
+    buses: Mapping[str, VirtualBus],
+    config: RobotConfig,
+    drive: "CoupledDrive | None",
+) -> list[Injection]:
+    """What names a wheel concerns the drive alone, what names a bus or a servo a bus alone."""
+    names = [bus_of(wanted, config)] if wanted.bus else list(buses)
+    if wanted.wheel is not None:
+        names = []
+    healed = [
+        msgspec.structs.replace(fault, bus=name)
+        for name in names
+        for fault in buses[name].heal(wanted.kind, wanted.servo)
+    ]
+    if drive is not None and not wanted.bus and wanted.servo is None:
+        healed += drive.heal(wanted.kind, wanted.wheel)
+    return healed
 
 
 def in_words(injection: Injection) -> str:
@@ -86,6 +141,8 @@ def in_words(injection: Injection) -> str:
     words = injection.kind
     if injection.servo is not None:
         words += f" at servo {injection.servo}"
+    if injection.wheel is not None:
+        words += f" at wheel {injection.wheel}"
     if injection.bus:
         words += f" on bus {injection.bus}"
     if injection.value is not None:
@@ -97,19 +154,27 @@ def in_words(injection: Injection) -> str:
     return words
 
 
-def _active(buses: Mapping[str, VirtualBus]) -> list[Injection]:
-    return [
+def _active(buses: Mapping[str, VirtualBus], drive: "CoupledDrive | None") -> list[Injection]:
+    active = [
         msgspec.structs.replace(injection, bus=name)
         for name, bus in buses.items()
         for injection in bus.active()
     ]
+    return active if drive is None else active + drive.active()
 
 
-def _ports(scenario: Scenario) -> Ports:
+def _ports(
+    scenario: Scenario,
+    buses: Mapping[str, VirtualBus],
+    drive: "CoupledDrive | None",
+    on_sample: "Callable[[Sample, int], None] | None" = None,
+) -> Ports:
     configs = scenario.config.buses
     ports = Ports(
-        {name: (bus, Path(configs[name].port)) for name, bus in scenario.make().items()},
+        {name: (bus, Path(configs[name].port)) for name, bus in buses.items()},
         {name: Path(port) for name, port in scenario.taps.items()},
+        drive,
+        on_sample,
     )
     for name, config in configs.items():
         logger.info(

@@ -114,6 +114,7 @@ class Servo:
         self._stuck = False
         self._cause = 0  # hardware errors that come back after a restart
         self._locked = False  # torque stays off until a restart
+        self._motor_off = False
         self._heard_ns = 0
         self.deaf_until_ns = 0
         self._reset_eeprom()
@@ -247,6 +248,27 @@ class Servo:
             self._right_delay = None
         self._remember()
 
+    def couple(self, shaft: Motion, *, turns: bool) -> None:
+        """Have a part of the robot on the shaft from now on; before the first instruction.
+
+        Args:
+            shaft: Moves as that part does.
+            turns: Whether it turns without end: its builder has set the operating mode to velocity.
+        """
+        shaft.limit = self._motion.limit
+        self._motion = shaft
+        self._sensors.couple(shaft)
+        if turns:
+            self._table.put("operating_mode", VELOCITY)
+        self._reset_ram(0)
+
+    def switch_motor_off(self, off: bool, at_ns: int) -> None:
+        """Whether torque stays off; it does not come back by itself."""
+        self._motor_off = off
+        if off:
+            self._table.put("torque_enable", 0)
+            self._drive(at_ns)
+
     # Instructions.
 
     def _write_now(self, parameters: bytes, at_ns: int) -> int:
@@ -320,7 +342,7 @@ class Servo:
         table = self._table
         match name:
             case "torque_enable":
-                if self._locked:
+                if self._locked or self._motor_off:
                     table.put("torque_enable", 0)
                 elif table.get("torque_enable"):
                     self._hold(at_ns)
@@ -433,9 +455,9 @@ class Servo:
 
     def _unwind(self) -> None:
         """Forget whole revolutions."""
-        turn = self._model.resolution * self._table.registers["present_position"].scale
-        half = turn / 2
-        self._motion.position = (self._motion.position + half) % turn - half
+        self._motion.unwind(
+            self._model.resolution * self._table.registers["present_position"].scale
+        )
 
 
 def _model_of(config: ServoConfig) -> Model:

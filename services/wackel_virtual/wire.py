@@ -223,6 +223,10 @@ class Wire:
         """Whether the adapter is there."""
         return self._conditions.plugged
 
+    def powered(self, servo: Servo) -> bool:
+        """Whether supply reaches a servo now."""
+        return self._chain.powered[self._positions[servo]]
+
     # The course of events.
 
     def schedule(self, at_ns: int, call: Callable[[int, Any], None], argument: object) -> None:

@@ -16,6 +16,7 @@ from wackel_node.config import dump
 from wackel_node.errors import FAILED, NOT_REACHED, OK, USAGE
 from wackel_protocols.dynamixel2 import packet
 from wackel_virtual.__main__ import main
+from wackel_virtual.drive_faults import DRIVE_KINDS
 from wackel_virtual.faults import KINDS
 
 
@@ -31,9 +32,10 @@ def command(*arguments: str, **options: object) -> "subprocess.Popen[str]":
 def test_kinds_explains_every_kind(capsys):
     assert main(["kinds"]) == OK
     printed = capsys.readouterr().out
-    assert all(name in printed for name in KINDS)
+    kinds = {**KINDS, **DRIVE_KINDS}
+    assert all(name in printed for name in kinds)
     assert main(["kinds", "--json"]) == OK
-    assert json.loads(capsys.readouterr().out).keys() == KINDS.keys()
+    assert json.loads(capsys.readouterr().out).keys() == kinds.keys()
 
 
 @pytest.mark.parametrize("arguments", [[], ["inject"], ["heal"], ["list"], ["kinds"]])

@@ -167,3 +167,95 @@ def test_a_request_that_cannot_be_obeyed_is_refused_with_a_reason(request_, text
 
 def test_a_robot_without_buses_gets_the_usual_one():
     assert list(scenario.of_robot(RobotConfig(), 3).make()) == ["main"]
+
+
+_ON_WHEELS = """
+robot = "robot.toml"
+
+[[faults]]
+kind = "break"
+servo = 3
+start_s = 1
+
+[[faults]]
+kind = "wheel_blocked"
+wheel = "left"
+start_s = 2
+"""
+_ROBOT = """
+[buses.legs]
+port = "unused"
+return_delay_us = 0
+servos = [{ id = 1 }, { id = 2 }, { id = 3 }]
+
+[drive]
+kind = "differential"
+wheels = [
+    { name = "left", x = 0, y = 0.2, radius = 0.05, bus = "legs", drive = 1 },
+    { name = "right", x = 0, y = -0.2, radius = 0.05, bus = "legs", drive = 2 },
+]
+"""
+
+
+def on_wheels(directory: Path, text: str = _ON_WHEELS) -> scenario.Scenario:
+    (directory / "robot.toml").write_text(_ROBOT)
+    return scenario.parse_scenario(text, directory / "broken.toml")
+
+
+def test_faults_of_the_bus_and_of_the_drive_share_a_file(tmp_path):
+    parsed = on_wheels(tmp_path)
+    buses = parsed.make()
+    drive = parsed.make_drive(buses)
+    active = {}
+    for second in (1.5, 2.5):
+        buses["legs"].advance(round(second * 1e9))
+        drive.advance(round(second * 1e9))
+        reply = obey(VirtualRequest(operation="list"), buses, parsed.config, drive)
+        active[second] = [(fault.kind, fault.bus, fault.wheel) for fault in reply.active]
+    assert active[1.5] == [("break", "legs", None)]
+    assert active[2.5] == [("break", "legs", None), ("wheel_blocked", "", "left")]
+
+
+def test_faults_of_the_drive_are_injected_and_healed_on_request(tmp_path):
+    parsed = on_wheels(tmp_path, 'robot = "robot.toml"')
+    buses = parsed.make()
+    drive = parsed.make_drive(buses)
+
+    def ask(operation, **injection):
+        request = VirtualRequest(operation=operation, injection=Injection(**injection))
+        reply = obey(request, buses, parsed.config, drive)
+        drive.advance(drive.next_ns())
+        return reply
+
+    reply = ask("inject", kind="wheel_blocked", wheel="right")
+    assert (reply.ok, reply.text) == (True, "injected wheel_blocked at wheel right")
+    assert ask("inject", kind="break", servo=2).text == "injected break at servo 2 on bus legs"
+    assert ask("heal", kind="", servo=2).text == "healed break at servo 2 on bus legs"
+    assert ask("heal", kind="", wheel="left").text == "nothing to heal"
+    assert ask("heal", kind="", wheel="right").text == "healed wheel_blocked at wheel right"
+    refused = ask("inject", kind="steering_blocked", wheel="left")
+    assert (refused.ok, refused.text) == (
+        False,
+        "steering_blocked: no wheel 'left'; there are none",
+    )
+    assert not ask("inject", kind="break", servo=2, wheel="left").ok
+
+
+@pytest.mark.parametrize(
+    ("fault", "text"),
+    [
+        ('kind = "wheel_blocked"', "needs a wheel; there are left, right"),
+        ('kind = "wheel_blocked"\nwheel = "front"', "no wheel 'front'"),
+        ('kind = "push"\nvalue = -1', "must be from 0 to 100"),
+        ('kind = "noise"\nwheel = "left"', "leave out the wheel"),
+    ],
+)
+def test_a_wrong_fault_of_the_drive_is_refused_with_its_place(fault, text, tmp_path):
+    with pytest.raises(ConfigError, match=r"faults\[0\].*" + text):
+        on_wheels(tmp_path, f'robot = "robot.toml"\n[[faults]]\n{fault}\n')
+
+
+def test_a_robot_without_wheels_has_no_drive_to_break():
+    assert scenario.parse_scenario("").make_drive({}) is None
+    with pytest.raises(ConfigError, match=r"the robot has no \[drive\]"):
+        scenario.parse_scenario('[[faults]]\nkind = "push"')

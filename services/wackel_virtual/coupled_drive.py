@@ -1,0 +1,258 @@
+"""The drive on the bus: servos turn its wheels, and show what these do. Time is an argument, in ns.
+
+The drive moves in steps on a grid; a servo that is read in between shows its shaft at the speed of
+the last step. Whatever happens on the bus happens to the drive: a servo without supply, or with
+torque disabled by an overload, lets its wheel roll or its steering stand.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from wackel_drive.layout import Joint
+from wackel_node.config_drive import DriveConfig, GyroConfig
+from wackel_schemas.virtual import Injection
+from wackel_virtual.bus import VirtualBus
+from wackel_virtual.drivetrain import Demand, Drivetrain, Physics
+from wackel_virtual.motion import TIME_CONSTANT_S, Drive, Motion
+from wackel_virtual.servo import Servo
+
+TICK_NS = 5_000_000
+"""A tenth of the motors' time constant: their speed changes by a few percent in a step."""
+ARRIVED_RAD = 0.005
+"""About the resolution of the sensors."""
+
+
+class Sample(NamedTuple):
+    """What a gyro measured: its name, the middle of the time that it is the mean of, rad/s."""
+
+    name: str
+    at_ns: int
+    rates: tuple[float, float, float]
+
+
+class Shaft(Motion):
+    """The shaft of a servo that is part of the drive: it goes where that goes.
+
+    Attributes:
+        mode, goal, allowed: What the servo wants.
+    """
+
+    def __init__(self, drive: "CoupledDrive", bus: VirtualBus, servo: Servo, sign: int) -> None:
+        super().__init__(0.0, 0.0, 0.0)
+        self.mode: Drive = "off"
+        self.goal = 0.0
+        self.allowed = 0.0
+        self._drive_train = drive
+        self._bus = bus
+        self._servo = servo
+        self._sign = sign
+        self._at = 0
+        self._angle = 0.0
+        self._rate = 0.0
+        self._amperes = 0.0
+        self._forgotten = 0.0  # whole turns
+
+    def drive(self, drive: Drive, goal: float, allowed: float, at_ns: int) -> None:
+        """Go for a goal from now on, at most as fast as ``allowed``."""
+        self.advance(at_ns)
+        self.mode, self.goal = drive, goal
+        self.allowed = min(allowed, self.limit)
+
+    def advance(self, at_ns: int) -> None:
+        """Move on to this time."""
+        self._drive_train.advance(at_ns)
+        self.velocity = self._rate
+        passed_s = (at_ns - self._at) / 1e9
+        self.position = self._angle + self._rate * passed_s - self._forgotten
+
+    def unwind(self, turn: float) -> None:
+        """Forget whole turns, rad."""
+        before = self.position
+        super().unwind(turn)
+        self._forgotten += before - self.position
+
+    @property
+    def current(self) -> float:
+        """Motor current, A."""
+        return self._amperes
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the shaft is where it should be."""
+        if self.mode == "position":
+            return abs(self.goal - self.position) < ARRIVED_RAD
+        return self.mode == "off" and not self.velocity
+
+    def show(self, at_ns: int, angle: float, rate: float, amperes: float) -> None:
+        """Where it is at this time, in the direction of the wheel."""
+        sign = self._sign
+        self._at = at_ns
+        self._angle, self._rate, self._amperes = sign * angle, sign * rate, sign * amperes
+
+    @property
+    def has_torque(self) -> bool:
+        """Whether its motor holds it."""
+        return self.mode != "off" and self._bus.powered(self._servo)
+
+    @property
+    def wanted_rate(self) -> float:
+        """Speed that it wants, rad/s, in the direction of the wheel."""
+        rate = self.goal
+        if self.mode == "position":
+            rate = (self.goal + self._forgotten - self._angle) / TIME_CONSTANT_S
+        return self._sign * max(-self.allowed, min(self.allowed, rate))
+
+    @property
+    def wanted_angle(self) -> float:
+        """Angle that it wants, rad, in the direction of the wheel."""
+        if self.mode == "position":
+            return self._sign * (self.goal + self._forgotten)
+        return self._sign * (self._angle + self.goal * TIME_CONSTANT_S)
+
+    def switch_motor_off(self, off: bool, at_ns: int) -> None:
+        """Whether its servo's torque stays off."""
+        self._servo.switch_motor_off(off, at_ns)
+
+
+class CoupledDrive:
+    """A drive whose motors are servos on virtual buses.
+
+    Args:
+        drive: As configured.
+        gyros: By name; those of source ``bus`` appear on their boards.
+        buses: With all the servos of the drive, before their first instruction.
+        seed: Of everything random.
+        physics: Which body.
+
+    Attributes:
+        drivetrain: The drive itself.
+
+    Raises:
+        ImportError: ``mujoco`` is not installed.
+    """
+
+    def __init__(
+        self,
+        drive: DriveConfig,
+        gyros: Mapping[str, GyroConfig],
+        buses: Mapping[str, VirtualBus],
+        seed: int | str,
+        physics: Physics = "fast",
+    ) -> None:
+        self.drivetrain = Drivetrain(drive, gyros, seed, physics=physics)
+        layout = self.drivetrain.layout
+        self._layout = layout
+        self._gyros = gyros
+        self._boards = [board for bus in buses.values() for board in bus.boards.values()]
+        fastest = max((gyro.rate for gyro in gyros.values()), default=0.0)
+        self._tick_ns = min(TICK_NS, round(1e9 / fastest)) if fastest else TICK_NS
+        self._now_ns = 0
+        self._sampled_ns = dict.fromkeys(gyros, 0)
+        self._samples: list[Sample] = []
+        self._free = self.drivetrain.free
+        self._rolling = self._couple(layout.rolling, buses, turns=True)
+        self._steering = self._couple(layout.steering, buses, turns=False)
+        self._show()
+
+    def inject(self, injection: Injection) -> Injection:
+        """Have a fault begin ``start_s`` from now; returns it with its defaults filled in.
+
+        Raises:
+            InjectionError: Unknown kind, or a place or value that it cannot have.
+        """
+        return self.drivetrain.inject(injection)
+
+    def heal(self, kind: str = "", wheel: str | None = None) -> list[Injection]:
+        """End faults now, scheduled ones too; returns those that it concerned."""
+        return self.drivetrain.heal(kind, wheel)
+
+    def active(self) -> list[Injection]:
+        """The faults that act now."""
+        return self.drivetrain.active()
+
+    def next_ns(self) -> int:
+        """When it moves next."""
+        return self._now_ns + self._tick_ns
+
+    def advance(self, until_ns: int) -> None:
+        """Move on to this time; one that has passed changes nothing."""
+        while self._now_ns + self._tick_ns <= until_ns:
+            self._now_ns += self._tick_ns
+            self._step()
+
+    def samples(self) -> list[Sample]:
+        """What gyros that are not on a bus have measured since the last call."""
+        samples, self._samples = self._samples, []
+        return samples
+
+    def _couple(
+        self, joints: Iterable[Joint | None], buses: Mapping[str, VirtualBus], *, turns: bool
+    ) -> list[Shaft | None]:
+        shafts: list[Shaft | None] = []
+        for joint in joints:
+            shaft = None
+            if joint is not None:
+                bus = buses[joint.servo.bus]
+                servo = bus.servos[bus.ids.index(joint.servo.id)]
+                shaft = Shaft(self, bus, servo, joint.sign)
+                servo.couple(shaft, turns=turns)
+            shafts.append(shaft)
+        return shafts
+
+    def _step(self) -> None:
+        drivetrain, n = self.drivetrain, self._layout.drive.n
+        rate, powered = np.zeros(n), np.zeros(n, dtype=np.bool_)
+        for i, shaft in enumerate(self._rolling):
+            if shaft is not None:
+                rate[i], powered[i] = shaft.wanted_rate, shaft.has_torque
+        heading, steered = np.zeros(n), np.zeros(n, dtype=np.bool_)
+        for i, (shaft, joint) in enumerate(zip(self._steering, self._layout.steering, strict=True)):
+            if shaft is not None and joint is not None:
+                heading[i], steered[i] = shaft.wanted_angle + joint.offset, shaft.has_torque
+        demand = Demand(rate, powered, self._layout.drive.steering(heading), steered)
+        drivetrain.step(demand, self._tick_ns / 1e9)
+        self._show()
+        if drivetrain.free is not self._free:
+            for shaft, was, off in zip(self._rolling, self._free, drivetrain.free, strict=True):
+                if shaft is not None and was != off:
+                    shaft.switch_motor_off(bool(off), self._now_ns)
+        self._free = drivetrain.free
+        for name, gyro in self._gyros.items():
+            self._sample(name, gyro)
+
+    def _show(self) -> None:
+        """Tell the shafts where they are."""
+        drivetrain, now_ns = self.drivetrain, self._now_ns
+        for i, shaft in enumerate(self._rolling):
+            if shaft is not None:
+                shaft.show(
+                    now_ns,
+                    float(drivetrain.rolled[i]),
+                    float(drivetrain.rate[i]),
+                    float(drivetrain.current[i]),
+                )
+        headings = self._layout.drive.heading(drivetrain.steered)
+        for i, (shaft, joint) in enumerate(zip(self._steering, self._layout.steering, strict=True)):
+            if shaft is not None and joint is not None:
+                shaft.show(
+                    now_ns,
+                    float(headings[i]) - joint.offset,
+                    float(drivetrain.steering_rate[i]),
+                    float(drivetrain.steering_current[i]),
+                )
+
+    def _sample(self, name: str, gyro: GyroConfig) -> None:
+        """Let a gyro measure if its time has come."""
+        last_ns = self._sampled_ns[name]
+        # Half a step early is nearer than half a step late.
+        if self._now_ns - last_ns + self._tick_ns // 2 < 1e9 / gyro.rate:
+            return
+        self._sampled_ns[name] = self._now_ns
+        rates = self.drivetrain.sample(name)
+        for board in self._boards:
+            if name in board.rates:
+                board.rates[name] = rates
+        if gyro.source == "topic":
+            self._samples.append(Sample(name, (last_ns + self._now_ns) // 2, rates))
