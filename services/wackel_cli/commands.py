@@ -19,12 +19,14 @@ class Command:
 GROUPS: dict[str, dict[str, Command]] = {
     "Run a robot": {
         "up": Command("wackel_cli.up", "run everything in robot.toml, restart what dies"),
-        "virtual": Command("wackel_virtual.__main__", "a virtual servo bus, with faults at will"),
+        "virtual": Command("wackel_virtual.__main__", "a virtual robot, with faults at will"),
+        "pilot": Command("wackel_pilot.__main__", "drive a robot with wheels along a path"),
         "demo": Command("wackel_cli.demo", "see faults injected, named and healed; no hardware"),
     },
     "Look at it": {
         "top": Command("wackel_cli.top", "live view of buses, servos and faults"),
         "health": Command("wackel_cli.health", "what is wrong and what to do; acknowledge, clear"),
+        "view": Command("wackel_view.__main__", "show the robot in a Foxglove viewer"),
         "echo": Command("wackel_cli.echo", "print what is published on a topic"),
         "record": Command("wackel_recorder.__main__", "record all topics into an MCAP file"),
         "play": Command("wackel_playback.__main__", "publish a recording in the robot's place"),

@@ -1,1 +1,4 @@
-"""Drives the wheels along a path: commanded twists, and the servo goals that follow from them."""
+"""Drives the robot along a path: commanded twists, and the servo goals that follow from them.
+
+``path``: where to go. ``control``: from a twist to goals. ``service``: the process.
+"""

@@ -1,0 +1,86 @@
+"""``wackel pilot``: drives a robot along a path."""
+
+import argparse
+import sys
+from collections.abc import Callable
+
+from wackel_node import log
+from wackel_node.algebra import single_threaded
+from wackel_node.arguments import add_config, config_of
+from wackel_node.config import ConfigError
+from wackel_node.errors import OK
+from wackel_pilot import path
+
+_EXAMPLES = """\
+examples:
+  wackel pilot                                        a circle of 1 m at 0.3 m/s
+  wackel pilot --path eight --speed 0.5 --radius 0.8
+  wackel pilot --path random --seed 3 --for 60
+"""
+
+
+def main(argv: list[str]) -> int:
+    """Runs the command; returns its exit code."""
+    parser = argparse.ArgumentParser(
+        prog="wackel pilot",
+        description="Drives a robot with [drive] along a path: publishes command/twist and the\n"
+        "servos' goals on bus/<bus>/command, 100 times a second. THE ROBOT MOVES. Ctrl-C stops\n"
+        "its wheels. Servos that drive are put into wheel mode; where one could not follow, the\n"
+        "whole robot drives slower.",
+        epilog=_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_config(parser)
+    parser.add_argument(
+        "--path", choices=["circle", "eight", "random"], default="circle", help="the way (circle)"
+    )
+    parser.add_argument("--speed", metavar="M/S", type=_positive, default=0.3, help="(0.3)")
+    parser.add_argument("--radius", metavar="M", type=_positive, default=1.0, help="(1.0)")
+    parser.add_argument(
+        "--acceleration", metavar="M/S²", type=_positive, default=0.3, help="from rest (0.3)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of a random path (0)")
+    parser.add_argument(
+        "--for",
+        metavar="S",
+        type=_positive,
+        dest="duration_s",
+        help="end after so many seconds (default: Ctrl-C)",
+    )
+    arguments = parser.parse_args(argv)
+    log.set_up("pilot")
+    config = config_of(arguments)
+    if config.drive is None:
+        raise ConfigError("robot.toml has no [drive]: list the wheels there to drive")
+
+    single_threaded()
+    from wackel_pilot.service import run
+
+    run(config, config.drive, _path(arguments), arguments.duration_s)
+    return OK
+
+
+def _path(arguments: argparse.Namespace) -> path.Path:
+    shape: tuple[float, float, float] = (
+        arguments.speed,
+        arguments.radius,
+        arguments.acceleration,
+    )
+    if arguments.path == "random":
+        return path.wander(*shape, seed=arguments.seed)
+    paths: dict[str, Callable[[float, float, float], path.Path]] = {
+        "circle": path.circle,
+        "eight": path.eight,
+    }
+    return paths[arguments.path](*shape)
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value <= 1e6:
+        raise argparse.ArgumentTypeError(f"{text!r} must be more than 0")
+    return value
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

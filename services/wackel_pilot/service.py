@@ -1,0 +1,126 @@
+"""Publishes commands at a steady rate until a signal ends it, then stops the wheels."""
+
+import time
+
+from wackel_drive.layout import Layout, Servo
+from wackel_node.config import RobotConfig
+from wackel_node.config_drive import DriveConfig
+from wackel_node.link import NotReached
+from wackel_node.log import logger
+from wackel_node.node import Node
+from wackel_pilot.control import Control
+from wackel_pilot.path import Path
+from wackel_protocols.dynamixel2.control_table import model
+from wackel_schemas import keys
+from wackel_schemas.bus import BusCommand, BusReply, BusRequest, ServoGoal
+from wackel_schemas.drive import TwistCommand
+from wackel_schemas.keys import BUS_REQUEST
+
+RATE_HZ = 100.0
+TORQUE_S = 1.0
+"""How often torque is asked for: a servo that has restarted then drives on."""
+STOPPING_S = 0.2
+"""For so long the wheels are told to stand: a command may be lost."""
+REQUEST_S = 5.0
+_RETRY_S = 0.1
+_WHEEL_MODE = 1
+"""Operating Mode: velocity control (e-manual, X series)."""
+
+
+def run(config: RobotConfig, drive: DriveConfig, path: Path, duration_s: float | None) -> None:
+    """Drives along a path.
+
+    Args:
+        config: The robot.
+        drive: Its drive.
+        path: The way.
+        duration_s: For so long; absent: until a signal comes.
+
+    Raises:
+        NotReached: No gateway answers.
+    """
+    with Node("pilot", "main", config) as node:
+        layout = Layout(drive)
+        control = Control(drive, _prepared(node, config, layout))
+        twists = node.publisher(keys.TWIST_COMMAND)
+        commands = {
+            bus: node.publisher(keys.COMMAND, bus=bus)
+            for bus in sorted({bus for wheel in drive.wheels for bus, _ in wheel.servos()})
+        }
+        start_s = time.monotonic()
+        torque_s = start_s
+
+        def command() -> None:
+            nonlocal torque_s
+            now_s = time.monotonic()
+            passed_s = now_s - start_s
+            if duration_s is not None and passed_s >= duration_s:
+                node.stop()
+                return
+            torque = now_s >= torque_s
+            if torque:
+                torque_s = now_s + TORQUE_S
+            send(*control.step(path(passed_s)), torque=torque)
+
+        def send(
+            twist: tuple[float, float, float],
+            goals: dict[str, list[ServoGoal]],
+            *,
+            torque: bool,
+        ) -> None:
+            stamp = node.clock.now_ns()
+            vx, vy, omega = twist
+            twists.put(TwistCommand(stamp=stamp, vx=vx, vy=vy, omega=omega))
+            for bus, each in goals.items():
+                if torque:
+                    for goal in each:
+                        goal.torque_enabled = True
+                commands[bus].put(BusCommand(stamp=stamp, goals=each))
+
+        node.every(1.0 / RATE_HZ, command)
+        node.ready()
+        try:
+            node.run()
+        finally:
+            for _ in range(round(STOPPING_S * RATE_HZ)):
+                send(*control.step((0.0, 0.0, 0.0)), torque=False)
+                time.sleep(1.0 / RATE_HZ)
+
+
+def _prepared(node: Node, config: RobotConfig, layout: Layout) -> dict[Servo, float]:
+    """Puts the driving servos into wheel mode; their greatest velocities, rad/s."""
+    limits = {}
+    for joint in layout.rolling:
+        if joint is None:
+            continue
+        servo = joint.servo
+        mode = _ask(
+            node, servo, BusRequest(operation="read", id=servo.id, register="operating_mode")
+        )
+        if mode.ok and mode.value != _WHEEL_MODE:
+            for register, value in (("torque_enable", 0), ("operating_mode", _WHEEL_MODE)):
+                request = BusRequest(operation="write", id=servo.id, register=register, value=value)
+                reply = _ask(node, servo, request)
+                if not reply.ok:
+                    logger.warning("servo %d on bus %s: %s", servo.id, servo.bus, reply.text)
+        limit = _ask(
+            node, servo, BusRequest(operation="read", id=servo.id, register="velocity_limit")
+        )
+        name = next((s.model for s in config.buses[servo.bus].servos if s.id == servo.id), None)
+        if limit.ok and limit.value and name is not None:
+            limits[servo] = model(name).registers["velocity_limit"].to_si(limit.value)
+    return limits
+
+
+def _ask(node: Node, servo: Servo, request: BusRequest) -> BusReply:
+    """The answer of a gateway; one that this process is not linked with yet is waited for."""
+    limit_s = time.monotonic() + REQUEST_S
+    while True:
+        try:
+            return node.ask(BUS_REQUEST, request, timeout_s=REQUEST_S, bus=servo.bus)
+        except TimeoutError as error:
+            if node.stopping or time.monotonic() > limit_s:
+                raise NotReached(
+                    f"no gateway answers for bus {servo.bus}: start it with `wackel up` first"
+                ) from error
+            node.pump(_RETRY_S)
