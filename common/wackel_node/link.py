@@ -4,7 +4,9 @@ Zenoh calls back on its own threads; a :class:`Link` only queues there and runs 
 the thread that calls :meth:`Link.pump`, so services have one thread and need no locks.
 """
 
+import ctypes
 import json
+import math
 import queue
 import random
 import threading
@@ -189,6 +191,20 @@ class Publisher(Generic[M]):
                 query.reply(query.key_expr, self._last, encoding=self._encoding)
 
 
+_zenoh_thread = threading.local()
+
+
+def _keep_thread_state() -> None:
+    """Keeps Python's own state of the Zenoh thread that calls.
+
+    Python otherwise makes one for each callback and frees it behind it, which maps and unmaps
+    memory: more than a third of what it takes to receive a message.
+    """
+    if not hasattr(_zenoh_thread, "kept"):
+        _zenoh_thread.kept = True
+        ctypes.pythonapi.PyGILState_Ensure()
+
+
 class _Inbox:
     """What one subscription or query has received and its handler has not yet seen."""
 
@@ -203,6 +219,7 @@ class _Inbox:
         self._woken = False
 
     def add(self, item: Any, size: int = 0) -> None:  # on a Zenoh thread
+        _keep_thread_state()
         with self._lock:
             self._items.append(_Arrival(next(_arrivals), size, item))
             self._bytes += size
@@ -246,6 +263,7 @@ class Link:
         self._last_seen: dict[str, tuple[int, int]] = {}
         self._warned: dict[str, float] = {}
         self._timers: list[list[Any]] = []  # [due, period, handler]
+        self._due = math.inf  # when the first of them is
         self.session = session(config, role)
 
     def __enter__(self) -> Self:
@@ -390,6 +408,7 @@ class Link:
     def every(self, period_s: float, handler: Callable[[], None]) -> None:
         """Calls ``handler()`` once a period from :meth:`pump`; a late call is not made up for."""
         self._timers.append([time.monotonic() + period_s, period_s, handler])
+        self._due = min(self._due, self._timers[-1][0])
 
     def pump(self, timeout_s: float = 0.0) -> bool:
         """Runs the handlers of what has arrived and of due timers; waits for work up to the limit.
@@ -397,21 +416,29 @@ class Link:
         Returns:
             Whether any message was handled, or :meth:`wake` was called.
         """
-        limit = time.monotonic() + timeout_s
+        now = time.monotonic()
+        limit = now + timeout_s
         while True:
+            if now >= self._due:
+                self._run_timers(now)
+                now = time.monotonic()
+            handled = self._deliver(min(limit, self._due) - now)
             now = time.monotonic()
-            for timer in self._timers:
-                if timer[0] <= now:
-                    timer[0] = max(timer[0] + timer[1], now)
-                    timer[2]()
-            due = min([limit, *(timer[0] for timer in self._timers)])
-            handled = self._deliver(max(0.0, due - time.monotonic()))
-            if handled or time.monotonic() >= limit:
+            if handled or now >= limit:
                 return handled
 
+    def _run_timers(self, now: float) -> None:
+        for timer in self._timers:
+            if timer[0] <= now:
+                timer[0] = max(timer[0] + timer[1], now)
+                timer[2]()
+        self._due = min(timer[0] for timer in self._timers)
+
     def _deliver(self, timeout_s: float) -> bool:
+        if timeout_s <= 0 and self._wake.empty():
+            return False
         try:
-            woken = [self._wake.get(timeout=timeout_s) if timeout_s else self._wake.get_nowait()]
+            woken = [self._wake.get(timeout=max(0.0, timeout_s))]
         except queue.Empty:
             return False
         # No more than what is there now: timers are due even in a flood.
