@@ -14,6 +14,7 @@ import msgspec
 
 from wackel_node.config import BusConfig, RobotConfig, ServoConfig
 from wackel_schemas.bus import BusState, BusStatistics, ServoStatistics, Transaction
+from wackel_schemas.drive import Odometry
 from wackel_schemas.health import FaultRecord, Health
 from wackel_schemas.wire import Rejected
 
@@ -81,6 +82,8 @@ class RobotModel:
         robot: Its name.
         buses: By name.
         health: The last, arrived at ``health_s``.
+        wheels: Their names; none: it has no drive.
+        odometry: The last, arrived at ``odometry_s``.
     """
 
     def __init__(self, config: RobotConfig) -> None:
@@ -89,11 +92,18 @@ class RobotModel:
         self.buses: dict[str, Bus] = {name: _bus(name, bus) for name, bus in config.buses.items()}
         self.health: Health | None = None
         self.health_s: float | None = None
+        self.wheels = [wheel.name for wheel in config.drive.wheels] if config.drive else []
+        self.odometry: Odometry | None = None
+        self.odometry_s: float | None = None
         self._counted_s: float | None = None
 
     def on_health(self, health: Health, now_s: float) -> None:
         """Takes in health."""
         self.health, self.health_s = health, now_s
+
+    def on_odometry(self, odometry: Odometry, now_s: float) -> None:
+        """Takes in where the robot is."""
+        self.odometry, self.odometry_s = odometry, now_s
 
     def on_statistics(self, name: str, statistics: BusStatistics, now_s: float) -> None:
         """Takes in the counters of a bus."""
@@ -163,6 +173,9 @@ class RobotModel:
             "robot": self.robot,
             "health": self.health,
             "health_age_s": age(self.health_s),
+            "wheels": self.wheels,
+            "odometry": self.odometry,
+            "odometry_age_s": age(self.odometry_s),
             "buses": {
                 bus.name: {
                     "statistics": bus.statistics,

@@ -31,7 +31,7 @@ def render(model: RobotModel, now_s: float, width: int, height: int) -> list[Tex
         width, height: Of the terminal; at 80 x 24 a chain of 12 servos fits as a table, longer
             ones in a compact form.
     """
-    top = [_header(model, now_s)]
+    top = [_header(model, now_s), *_drive(model, now_s)]
     services = _services(model.health, width)
     faults = _faults(model, width)
     room = height - len(top) - len(services) - len(model.buses)
@@ -78,6 +78,40 @@ def _header(model: RobotModel, now_s: float) -> Text:
     if lost:
         line.append(f"  cannot: {', '.join(lost)}".replace("can_", ""), style)
     return line
+
+
+def _drive(model: RobotModel, now_s: float) -> list[Text]:
+    """Where the robot is and how it moves; each wheel, and what is wrong with the drive."""
+    if not model.wheels:
+        return []
+    line = Text().append("drive", "bold")
+    odometry, at_s = model.odometry, model.odometry_s
+    if odometry is None or at_s is None:
+        line.append("  no pose yet: does the odometry run?", _STALE)
+    else:
+        degrees = math.degrees(odometry.theta)
+        line.append(f"  at {odometry.x:+.2f} {odometry.y:+.2f} m, {degrees:+.0f}°")
+        line.append(f"  {math.hypot(odometry.vx, odometry.vy):.2f} m/s")
+        line.append(f"  {math.degrees(odometry.omega):+.0f} °/s")
+        if now_s - at_s > _SILENT_S:
+            line.stylize(_STALE)
+            line.append(f"  {_duration(now_s - at_s)} old", "magenta")
+        elif not odometry.valid:
+            line.append(f"  not valid: {odometry.reason}", "magenta")
+    wheels = Text("wheels", style="dim")
+    faults = [f for f in model.faults("confirmed", "pending") if not f.inhibited_by]
+    for name in model.wheels:
+        of_it = (component.wheel_drive(name), component.wheel_steering(name))
+        wrong = [fault for fault in faults if fault.component in of_it]
+        wheels.append("  ● ", _worst(wrong) if wrong else "green").append(name, "default")
+        for fault in wrong:
+            part = fault.component.rpartition("/")[2]
+            wheels.append(f" {part}: {fault.code}", _SEVERITY_STYLE[fault.severity])
+    for fault in faults:
+        if fault.component.partition("/")[0] in ("gyro", "drive", "command"):
+            wheels.append("  ● ", _SEVERITY_STYLE[fault.severity])
+            wheels.append(f"{fault.component}: {fault.code}", _SEVERITY_STYLE[fault.severity])
+    return [line, wheels]
 
 
 def _bus_line(bus: Bus, model: RobotModel, now_s: float) -> Text:

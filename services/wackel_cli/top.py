@@ -17,6 +17,7 @@ from wackel_node.keyboard import Keyboard
 from wackel_node.link import Link
 from wackel_schemas.keys import (
     HEALTH,
+    ODOMETRY,
     STATE,
     STATISTICS,
     TRANSACTION,
@@ -65,6 +66,7 @@ def follow(link: Link, model: RobotModel) -> None:
         )
 
     link.subscribe(HEALTH, lambda _, health: model.on_health(health, time.monotonic()))
+    link.subscribe(ODOMETRY, lambda _, odometry: model.on_odometry(odometry, time.monotonic()))
     by_bus(STATISTICS, model.on_statistics)
     by_bus(STATE, model.on_state)
     by_bus(TRANSACTION, model.on_transaction)

@@ -1,6 +1,7 @@
 """`wackel top`: what a person sees of a robot's state, at any size of the terminal."""
 
 import json
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -22,6 +23,7 @@ from wackel_schemas.bus import (
     ServoStatistics,
     Transaction,
 )
+from wackel_schemas.drive import Odometry
 from wackel_schemas.fault_codes import FAULT_CODES, message
 from wackel_schemas.health import FaultRecord, FaultStatus, Health, ServiceHealth
 from wackel_schemas.keys import HEALTH
@@ -309,3 +311,71 @@ def test_once_shows_the_latched_health_of_a_running_robot(
             )
             assert (done.returncode, done.stderr) == (0, "")
             assert expected in done.stdout
+
+
+def on_wheels(*faults: FaultRecord, valid: bool = True) -> RobotModel:
+    """A robot that drives, with six servos that answer."""
+    model = seen()
+    model.wheels = ["front", "left", "right"]
+    model.on_odometry(
+        Odometry(
+            stamp=STAMP,
+            x=1.234,
+            y=-0.5,
+            theta=math.pi / 2,
+            vx=0.3,
+            vy=0.4,
+            omega=-0.1,
+            pose_covariance=[0.0] * 9,
+            twist_covariance=[0.0] * 9,
+            valid=valid,
+            reason="" if valid else "no wheels",
+        ),
+        1.9,
+    )
+    model.on_health(health(*faults), 1.9)
+    return model
+
+
+def plain(model: RobotModel, now_s: float = 2.0, width: int = 100, height: int = 24) -> list[str]:
+    return [line.plain for line in render(model, now_s, width, height)]
+
+
+def test_a_robot_on_wheels_shows_where_it_is_and_how_it_moves() -> None:
+    lines = plain(on_wheels())
+    assert lines[1] == "drive  at +1.23 -0.50 m, +90°  0.50 m/s  -6 °/s"
+    assert lines[2].rstrip() == "wheels  ● front  ● left  ● right"
+    assert not any(line.startswith("drive") for line in plain(seen()))
+
+
+def test_faults_of_the_drive_stand_at_their_wheels() -> None:
+    lines = plain(
+        on_wheels(
+            record("wheel_blocked", "wheel/left/drive"),
+            record("gyro_frozen", "gyro/body"),
+        )
+    )
+    assert "● left drive: wheel_blocked  ● right" in lines[2]
+    assert lines[2].endswith("● gyro/body: gyro_frozen")
+
+
+def test_a_pose_that_is_old_or_not_valid_says_so() -> None:
+    assert plain(on_wheels(), now_s=10.0)[1].endswith("8 s old")
+    assert plain(on_wheels(valid=False))[1].endswith("not valid: no wheels")
+    nothing = seen()
+    nothing.wheels = ["left"]
+    assert "does the odometry run" in plain(nothing)[1]
+
+
+@pytest.mark.parametrize(("width", "height"), [(80, 24), (40, 10), (20, 3)])
+def test_the_drive_fits_every_terminal(width: int, height: int) -> None:
+    lines = plain(on_wheels(), width=width, height=height)
+    assert len(lines) <= height
+    assert max(map(len, lines)) <= width
+
+
+def test_a_drive_is_part_of_the_json() -> None:
+    told = json.loads(on_wheels().as_json(2.0))
+    assert told["wheels"] == ["front", "left", "right"]
+    assert told["odometry"]["x"] == 1.234
+    assert told["odometry_age_s"] == 0.1
