@@ -13,6 +13,8 @@ DECODE_NS = 1_200_000_000
 reads it at once if the bus has time, else with the slow registers once a second."""
 CRC_ERROR = 3
 """Error number of a servo that got a damaged instruction: loss, not a refusal."""
+VOLTAGES_NS = 700_000_000
+"""How long undervoltage waits for the voltages along the chain, which tell whose fault it is."""
 REFUSED_NS = 5_000_000_000
 """How long a refused instruction is told; a second one within it prolongs it."""
 _CODES = {
@@ -104,14 +106,24 @@ class Alerts:
             in hardware_errors(self._servos[place].status or 0, self._series[place])
         ]
 
-    def findings(self, now_ns: int) -> list[Finding]:
-        """The complaints of all servos."""
+    def findings(self, now_ns: int, settled_ns: int) -> list[Finding]:
+        """The complaints of all servos.
+
+        Args:
+            now_ns: Classifier's time.
+            settled_ns: See :attr:`.Supply.settled_ns`.
+        """
         findings: list[Finding] = []
         if not self._raised:
             return findings
         for position, servo in enumerate(self._servos):
             if servo.alert_ns is not None:
-                findings += self._complaints(position, servo, now_ns)
+                early = now_ns - servo.alert_ns < VOLTAGES_NS and servo.alert_ns >= settled_ns
+                findings += [
+                    finding
+                    for finding in self._complaints(position, servo, now_ns)
+                    if not (early and finding.code == "undervoltage")
+                ]
             if servo.refused_ns is not None:
                 if now_ns - servo.refused_ns >= REFUSED_NS:
                     servo.refused_ns = None

@@ -44,7 +44,7 @@ CONCLUDE_NS = 50_000_000
 LEAST_SLOT_NS = 5_000_000
 """Shortest sampling period, whatever the configuration says."""
 TICK_SLOTS = 10
-"""What changes slowly (usual response times, voltages) is worked out every so many slots."""
+"""What changes slowly (usual response times) is worked out every so many slots."""
 _SYNC_WRITE = bytes((Instruction.SYNC_WRITE,))
 
 
@@ -128,7 +128,7 @@ class BusClassifier:
             self._timing.host_lag(transaction.host_lag_ns, self._now_ns, stamp)
             quiet = quiet and transaction.host_lag_ns < HOST_LATE_NS
         if self._now_ns >= self._slot_end_ns:
-            self._end_slot(stamp)
+            self._end_slot()
         elif quiet and self._now_ns < self._conclude_ns and not self._reach.unsettled:
             return []
         return self._conclude(transaction)
@@ -297,7 +297,7 @@ class BusClassifier:
             case "hardware_error_status":
                 self._alerts.hardware_error(position, raw, self._now_ns, stamp)
             case "present_input_voltage":
-                self._supply.voltage(position, register.to_si(raw), self._now_ns)
+                self._supply.voltage(position, register.to_si(raw), self._now_ns, stamp)
             case "torque_enable":
                 self._frozen.torque(position, bool(raw))
 
@@ -311,13 +311,12 @@ class BusClassifier:
             request.clean = 0
         self._counting.clear()
 
-    def _end_slot(self, stamp: int) -> None:
+    def _end_slot(self) -> None:
         self._make_up()
         self._losses.end_slot()
         self._slot += 1
         if self._slot % TICK_SLOTS == 0:
             self._timing.tick()
-            self._supply.tick(self._now_ns, stamp)
         self._slot_end_ns = self._now_ns + self._slot_ns
         self._goals_due = True
 
@@ -337,7 +336,7 @@ class BusClassifier:
         if jammers.permanent is None:
             findings += self._losses.findings(now_ns)
         findings += self._timing.findings(now_ns, stamp)
-        findings += self._alerts.findings(now_ns)
+        findings += self._alerts.findings(now_ns, self._supply.settled_ns)
         alerts = self._alerts
         findings += self._supply.findings(alerts.complaining(), alerts.undervoltage(), stamp)
         findings += self._frozen.findings(self._alerts)

@@ -14,6 +14,9 @@ STEP_V = 0.5
 The register's resolution is 0.1 V."""
 STEP_RATIO = 4.0
 """How much more it must be than the median drop over the other cables with their like currents."""
+SWAY_V = 0.3
+"""What a servo's voltage sways by behind a bad contact, as its current changes: three steps of the
+register. One that stays low is rather a servo that gets or measures too little."""
 LOW_SHARE = 0.85
 """Of the nominal voltage: a lithium battery is nearly empty there (3.15 V of 3.7 V a cell)."""
 
@@ -30,22 +33,40 @@ class Supply:
         self._candidate_ns = 0
         self._candidate_stamp = 0
         self._found: Finding | None = None
+        self._lone: int | None = None  # the only servo behind the candidate
+        self._lone_volts: list[float] = []  # lowest and highest since then
 
-    def voltage(self, position: int, volts: float, now_ns: int) -> None:
-        """A reading."""
-        self._volts[position] = volts
-        self._read_ns[position] = now_ns
-
-    def gone(self, position: int) -> None:
-        """A servo is out of reach."""
-        self._volts[position] = None
-
-    def tick(self, now_ns: int, stamp: int) -> None:
-        """Compares the voltages.
+    def voltage(self, position: int, volts: float, now_ns: int, stamp: int) -> None:
+        """A reading.
 
         Readings are of different times, so while all of them change they look like a step; what is
         found counts once every servo has been read again.
         """
+        self._volts[position] = volts
+        self._read_ns[position] = now_ns
+        self._compare(now_ns, stamp)
+
+    @property
+    def settled_ns(self) -> int:
+        """Servos that complained before this time do so beside voltages that have been compared.
+
+        Where voltages are not read, there is nothing to wait for.
+        """
+        if None in self._volts or not self._volts:
+            return 1 << 62
+        pending = self._candidate is not None and (self._found is None or self._is_steady())
+        return -1 if pending else min(self._read_ns)
+
+    def gone(self, position: int) -> None:
+        """A servo is out of reach."""
+        self._volts[position] = None
+        self._candidate = self._found = self._lone = None
+
+    def _is_steady(self) -> bool:
+        """Whether there is but one servo behind the candidate, and its voltage does not sway."""
+        return self._lone is not None and self._lone_volts[1] - self._lone_volts[0] < SWAY_V
+
+    def _compare(self, now_ns: int, stamp: int) -> None:
         volts = [
             volts if now_ns - read_ns <= FRESH_NS else None
             for volts, read_ns in zip(self._volts, self._read_ns, strict=True)
@@ -57,6 +78,13 @@ class Supply:
         candidate = None if found is None else (found.code, found.component)
         if candidate != self._candidate:
             self._candidate, self._candidate_ns, self._candidate_stamp = candidate, now_ns, stamp
+            # One servo behind the cable: then it is a suspect itself.
+            last = len(known) - 1 if self._chain.power == "adapter" else 0
+            self._lone = last if found is not None and found.suspects else None
+            self._lone_volts = []
+        if self._lone is not None:
+            seen = [*self._lone_volts, known[self._lone]]
+            self._lone_volts = [min(seen), max(seen)]
         if found is None:
             self._found = None
         elif min(self._read_ns) > self._candidate_ns:
@@ -86,7 +114,9 @@ class Supply:
                     {"servos_reporting": len(undervoltage)},
                 )
             ]
-        return [] if self._found is None else [self._found]
+        if self._found is None or (self._is_steady() and self._lone in undervoltage):
+            return []
+        return [self._found]
 
     def _step(self, volts: list[float]) -> Finding | None:
         """The one cable over which the voltage falls for all behind it, seen from the supply."""
@@ -101,11 +131,14 @@ class Supply:
         others = median(abs(d) for i, d in enumerate(drops) if i != greatest) if drops[1:] else 0.0
         behind = along[greatest + 1 :]
         before = along[greatest]
-        if drop < STEP_V or drop < STEP_RATIO * others or max(behind) > before - STEP_V / 2:
+        # What lies behind is lower than what lies before, and none of it stands out.
+        if drop < STEP_V or max(behind) > before - max(drop, STEP_V) / 2:
             return None
         # Cable k leads to servo k; seen from the far end, from it to the servo before.
         first = greatest + 1 if chain.power == "adapter" else len(chain) - 2 - greatest
         cable = chain.cable(first if chain.power == "adapter" else first + 1)
+        if drop < STEP_RATIO * others and (self._found is None or self._found.component != cable):
+            return None
         alone = len(behind) == 1
         return Finding(
             "contact_resistance",

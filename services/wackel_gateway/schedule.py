@@ -81,17 +81,17 @@ class _Slow:
 
 
 _SLOW = (
-    _Slow(("present_input_voltage", "present_temperature"), 1_000_000_000),
+    _Slow(("present_input_voltage", "present_temperature"), 500_000_000),
     _Slow(("torque_enable", "hardware_error_status"), 1_000_000_000),
-    # Only a write changes it; read as often as the others it also times each servo once more.
-    _Slow(("return_delay_time",), 1_000_000_000),
+    # Only a write changes it, and that mostly shows in when the other reads are answered.
+    _Slow(("return_delay_time",), 2_000_000_000),
 )
 _VOLTAGE, _HARDWARE_ERROR, _RETURN_DELAY = range(len(_SLOW))
 _SAG_V = 0.3
 """Three steps of the voltage register: more than servos that move make on sound cables."""
 _SWEEPS = 2
 """Then all voltages are read so often: a diagnosis needs a reading of each after the change."""
-_SWEEP_PAUSE_NS = 2_000_000_000
+_SWEEP_PAUSE_NS = 1_000_000_000
 _DOUBTED_MOST = 4
 """Servos at a time that are asked again because they answer at another time than usual; with more
 of them it is the adapter or the host, which these few show as well."""
@@ -468,7 +468,7 @@ class Schedule:
                 # Each has its own moment within the period, so that none waits for many others and
                 # what befalls the bus soon meets one of them.
                 period_ns = _SLOW[kind].period_ns
-                phase_ns = (kind + servo.place / len(self._servos)) / len(_SLOW) * period_ns
+                phase_ns = (servo.place / len(self._servos) + kind / len(_SLOW)) * period_ns
                 earliest_ns = now_ns + period_ns // 2
                 due_ns = earliest_ns + (round(phase_ns) - earliest_ns) % period_ns
                 heappush(self._slow, (due_ns, kind, servo_id))

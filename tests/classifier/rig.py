@@ -163,6 +163,7 @@ class Rig:
             if late is not None:
                 yield late.message(EPOCH_NS)
             schedule.done(job, outcome.answers, outcome.begin_ns, outcome.ended_ns)
+            schedule.heard(outcome.answers)
             yield outcome.message(EPOCH_NS)
             if self._goals is not None and schedule.cycles != cycles:
                 cycles = schedule.cycles
