@@ -4,11 +4,12 @@ Which registers an answer holds follows from the instruction (address and length
 model, so reads of any master are decoded, not only our own. Plans are made once per instruction.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from struct import Struct
+from collections.abc import Callable, Sequence
+from struct import calcsize
+from typing import NamedTuple
 
 from wackel_gateway.roster import Roster
-from wackel_protocols.dynamixel2.answers import Status
+from wackel_protocols.dynamixel2.answers import AnswerReader, Answers, Status, reader
 from wackel_protocols.dynamixel2.control_table import Model, Register
 from wackel_protocols.dynamixel2.packet import (
     ALERT,
@@ -36,7 +37,18 @@ _SYNC_READS = (Instruction.SYNC_READ, Instruction.FAST_SYNC_READ)
 _BULK_READS = (Instruction.BULK_READ, Instruction.FAST_BULK_READ)
 
 Plan = Callable[[Status], ServoState]
-Row = Callable[[Sequence[Status]], list[ServoState]]
+
+
+class Row(NamedTuple):
+    """How to decode healthy answers of servos of one model all at once.
+
+    Attributes:
+        reader: Whose layout they have.
+        decode: From the bytes; no error byte may be set.
+    """
+
+    reader: AnswerReader
+    decode: Callable[[bytes], list[ServoState]]
 
 
 class Decoder:
@@ -46,7 +58,7 @@ class Decoder:
         self._roster = roster
         self._plans: dict[bytes, tuple[dict[int, Plan], Row | None]] = {}
 
-    def states(self, instruction: bytes, statuses: Sequence[Status]) -> list[ServoState]:
+    def states(self, instruction: bytes, answers: Answers) -> list[ServoState]:
         """What the answers to a read say; empty for any other instruction."""
         found = self._plans.get(instruction)
         if found is None:
@@ -54,9 +66,9 @@ class Decoder:
                 self._plans.clear()
             found = self._plans[instruction] = self._plan(instruction)
         plans, row = found
-        if row is not None and len(statuses) == len(plans):
-            return row(statuses)
-        return [plans[status.id](status) for status in statuses if status.id in plans]
+        if row is not None and answers.reader is row.reader and not answers.has_errors:
+            return row.decode(answers.healthy)
+        return [plans[status.id](status) for status in answers.statuses if status.id in plans]
 
     def _plan(self, instruction: bytes) -> tuple[dict[int, Plan], Row | None]:
         """How to decode each servo's answer, and all of them at once if they are of one model."""
@@ -72,7 +84,7 @@ class Decoder:
         same_block = len({(address, length) for _, address, length in blocks}) == 1
         if first is None or not alike or not same_block or len(plans) < _ROW:
             return plans, None
-        return plans, row_plan(first, *blocks[0][1:], plans)
+        return plans, row(first, instruction, *blocks[0][1:])
 
     def forget(self) -> None:
         """Plans anew: a servo turned out to be another model."""
@@ -137,33 +149,32 @@ def plan(table: Model, address: int, length: int) -> Plan:
     return decode_any
 
 
-def row_plan(table: Model, address: int, length: int, plans: Mapping[int, Plan]) -> Row | None:
+def row(table: Model, instruction: bytes, address: int, length: int) -> Row | None:
     """A short cut for what every cycle reads: current, velocity and position in a row.
 
     Args:
         table: The model of all servos.
+        instruction: What reads them.
         address: Of the block.
         length: Of the block.
-        plans: For answers that are not as usual.
     """
     names = ("present_current", "present_velocity", "present_position")
     registers = [table.registers[name] for name in names if name in table.registers]
     # X, MX and P have them in this order, without a gap, in two's complement.
-    layout = Struct("<hii")
+    fields = "hii"
     starts = [register.address for register in registers]
-    if starts != [address, address + 2, address + 6] or length != layout.size:
+    if starts != [address, address + 2, address + 6] or length != calcsize(f"<{fields}"):
         return None
     current, velocity, position = registers
     if current.unit != _UNITS["current"]:
         return None
-    unpack = layout.iter_unpack
+    answers = reader(instruction)
+    ids, unpack = answers.expectation.ids, answers.unpacker(fields)
     current_scale, velocity_scale = current.scale, velocity.scale
     position_scale, centre = position.scale, position.zero
 
-    def decode_row(statuses: Sequence[Status]) -> list[ServoState]:
-        ids, errors, data, _ = zip(*statuses, strict=True)
-        if any(errors) or set(map(len, data)) != {length}:
-            return [plans[status.id](status) for status in statuses]
+    def decode_row(data: bytes) -> list[ServoState]:
+        values = iter(unpack(data))
         return [
             ServoState(
                 id=servo_id,
@@ -171,12 +182,12 @@ def row_plan(table: Model, address: int, length: int, plans: Mapping[int, Plan])
                 velocity=raw_velocity * velocity_scale,
                 current=raw_current * current_scale,
             )
-            for servo_id, (raw_current, raw_velocity, raw_position) in zip(
-                ids, unpack(b"".join(data)), strict=True
+            for servo_id, raw_current, raw_velocity, raw_position in zip(
+                ids, values, values, values, strict=True
             )
         ]
 
-    return decode_row
+    return Row(answers, decode_row)
 
 
 def _raw(register: Register, data: bytes, address: int) -> int:

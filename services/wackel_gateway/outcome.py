@@ -43,7 +43,8 @@ class Outcome:
     @property
     def received_bytes(self) -> int:
         """How many bytes came."""
-        return sum(len(data) for _, data in self.chunks)
+        chunks = self.chunks
+        return len(chunks[0][1]) if len(chunks) == 1 else sum(len(data) for _, data in chunks)
 
     def message(self, offset_ns: int) -> Transaction:
         """As published; ``offset_ns`` leads from the monotonic clock to UTC."""
@@ -65,14 +66,17 @@ class Outcome:
 
     def _response_times(self) -> list[ResponseTime]:
         chunks, sent_ns = self.chunks, self.sent_ns
-        statuses = self.answers.statuses
+        answers = self.answers
         if len(chunks) == 1:
             took_ns = chunks[0][0] - sent_ns
-            return [ResponseTime(id=status.id, ns=took_ns) for status in statuses]
+            if answers.reader is not None:
+                ids = answers.reader.expectation.ids
+                return [ResponseTime(id=servo_id, ns=took_ns) for servo_id in ids]
+            return [ResponseTime(id=status.id, ns=took_ns) for status in answers.statuses]
         ends = list(accumulate(len(data) for _, data in chunks))
         return [
             ResponseTime(id=status.id, ns=chunks[bisect_left(ends, status.end)][0] - sent_ns)
-            for status in statuses
+            for status in answers.statuses
         ]
 
 

@@ -50,7 +50,7 @@ class Reporter:
         """One transaction and what the servos said in it."""
         self._counters.count(outcome)
         transaction = outcome.message(self._node.clock.stamp_ns(0))
-        servos = self.decoder.states(outcome.instruction, outcome.answers.statuses)
+        servos = self.decoder.states(outcome.instruction, outcome.answers)
         # One right after the other: Zenoh then sends both in one go.
         self._transactions.put(transaction)
         if servos:

@@ -47,6 +47,8 @@ class Counters:
             self._account(answers.segments, data, frozenset(ids))
             self._owed(ids, 1)
             self._received([status.id for status in answers.statuses], 1)
+        if not answers.has_errors:
+            return
         for servo_id, error, _, _ in answers.statuses:
             if error and servo_id in self._servos:
                 self._servos[servo_id].alerts += error >= ALERT

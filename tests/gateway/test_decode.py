@@ -10,7 +10,9 @@ from wackel_gateway.decode import Decoder, blocks_read
 from wackel_gateway.roster import Block, Roster
 from wackel_node.config import ConfigError, ServoConfig
 from wackel_protocols.dynamixel2 import packet
-from wackel_protocols.dynamixel2.answers import Status
+from wackel_protocols.dynamixel2.answers import AnswerReader, Answers, Status, reader
+from wackel_protocols.dynamixel2.expectation import Expectation, expect
+from wackel_protocols.dynamixel2.fast import encode_fast
 
 XM, XL320, XL430, PH = 1, 2, 3, 4
 MODELS = {XM: "XM430-W210", XL320: "XL-320", XL430: "XL430-W250", PH: "PH54-200-S500"}
@@ -25,9 +27,15 @@ def number(value: int, length: int) -> bytes:
     return value.to_bytes(length, "little", signed=True)
 
 
+def said(*statuses: Status) -> Answers:
+    return Answers(list(statuses))
+
+
 def test_a_cycle_read_gives_position_velocity_and_current(roster: Roster) -> None:
     data = number(-10, 2) + number(100, 4) + number(3072, 4)
-    (state,) = Decoder(roster).states(packet.sync_read([XM], 126, 10), [Status(XM, 0, data, 21)])
+    (state,) = Decoder(roster).states(
+        packet.sync_read([XM], 126, 10), said(Status(XM, 0, data, 21))
+    )
     assert state.position == pytest.approx(pi / 2)
     assert state.velocity == pytest.approx(100 * 0.229 * 2 * pi / 60, rel=1e-3)
     assert state.current == pytest.approx(-10 * 2.69e-3)
@@ -37,7 +45,7 @@ def test_a_cycle_read_gives_position_velocity_and_current(roster: Roster) -> Non
 
 def test_what_was_not_read_is_absent_and_what_was_is_in_si(roster: Roster) -> None:
     (state,) = Decoder(roster).states(
-        packet.read(XM, 144, 3), [Status(XM, 0x80, number(118, 2) + b"\x2a", 14)]
+        packet.read(XM, 144, 3), said(Status(XM, 0x80, number(118, 2) + b"\x2a", 14))
     )
     assert state.voltage == pytest.approx(11.8)
     assert state.temperature == 42
@@ -47,14 +55,14 @@ def test_what_was_not_read_is_absent_and_what_was_is_in_si(roster: Roster) -> No
 
 def test_torque_and_hardware_error_are_flags(roster: Roster) -> None:
     data = b"\x01\x00\x00\x00\x02\x00\x20"
-    (state,) = Decoder(roster).states(packet.read(XM, 64, 7), [Status(XM, 0, data, 18)])
+    (state,) = Decoder(roster).states(packet.read(XM, 64, 7), said(Status(XM, 0, data, 18)))
     assert state.torque_enabled is True
     assert state.hardware_error == 0x20
 
 
 def test_models_that_measure_load_report_load_not_current(roster: Roster) -> None:
     data = number(-500, 2) + number(0, 4) + number(2048, 4)
-    (state,) = Decoder(roster).states(packet.read(XL430, 126, 10), [Status(XL430, 0, data, 21)])
+    (state,) = Decoder(roster).states(packet.read(XL430, 126, 10), said(Status(XL430, 0, data, 21)))
     assert state.current is None
     assert state.load == pytest.approx(-0.5)
     assert state.position == 0.0
@@ -62,7 +70,7 @@ def test_models_that_measure_load_report_load_not_current(roster: Roster) -> Non
 
 def test_the_xl320_has_its_own_table_and_its_own_signs(roster: Roster) -> None:
     data = number(512, 2) + (1024 + 100).to_bytes(2, "little") + number(50, 2)
-    (state,) = Decoder(roster).states(packet.read(XL320, 37, 6), [Status(XL320, 0, data, 17)])
+    (state,) = Decoder(roster).states(packet.read(XL320, 37, 6), said(Status(XL320, 0, data, 17)))
     assert state.position == 0.0
     assert state.velocity is not None
     assert state.velocity < 0
@@ -71,21 +79,21 @@ def test_the_xl320_has_its_own_table_and_its_own_signs(roster: Roster) -> None:
 
 def test_a_servo_that_refuses_is_reported_with_its_error_and_no_values(roster: Roster) -> None:
     for instruction in (packet.read(XM, 126, 10), packet.read(XM, 144, 3)):
-        (state,) = Decoder(roster).states(instruction, [Status(XM, 0x87, b"", 11)])
+        (state,) = Decoder(roster).states(instruction, said(Status(XM, 0x87, b"", 11)))
         assert (state.error, state.alert) == (7, True)
         assert state.position is None
         assert state.voltage is None
 
 
 def test_half_of_a_register_is_not_decoded(roster: Roster) -> None:
-    (state,) = Decoder(roster).states(packet.read(XM, 134, 2), [Status(XM, 0, b"\0\0", 13)])
+    (state,) = Decoder(roster).states(packet.read(XM, 134, 2), said(Status(XM, 0, b"\0\0", 13)))
     assert state.position is None
 
 
 def test_answers_to_writes_and_of_unknown_servos_give_no_state(roster: Roster) -> None:
     decoder = Decoder(roster)
-    assert decoder.states(packet.write(XM, 64, b"\1"), [Status(XM, 0, b"", 11)]) == []
-    assert decoder.states(packet.read(99, 132, 4), [Status(99, 0, b"\0\0\0\0", 15)]) == []
+    assert decoder.states(packet.write(XM, 64, b"\1"), said(Status(XM, 0, b"", 11))) == []
+    assert decoder.states(packet.read(99, 132, 4), said(Status(99, 0, b"\0\0\0\0", 15))) == []
 
 
 def test_every_reading_instruction_names_its_blocks() -> None:
@@ -100,8 +108,8 @@ def test_no_instruction_and_no_answer_makes_it_stumble(parameters: bytes, data: 
     decoder = Decoder(Roster([ServoConfig(id=XM)]))
     for kind in (0x02, 0x82, 0x8A, 0x92, 0x9A, 0x03):
         instruction = packet.InstructionPacket(XM, kind, parameters).encode()
-        decoder.states(instruction, [Status(XM, 0, data, 11 + len(data))])
-        decoder.states(parameters, [Status(XM, 0, data, 11 + len(data))])
+        decoder.states(instruction, said(Status(XM, 0, data, 11 + len(data))))
+        decoder.states(parameters, said(Status(XM, 0, data, 11 + len(data))))
 
 
 def test_a_block_spans_the_registers_that_a_model_has(roster: Roster) -> None:
@@ -126,16 +134,39 @@ def test_a_model_may_be_a_series_and_must_be_known() -> None:
         Roster([ServoConfig(id=1, model="XM999")])
 
 
-def test_decoding_all_servos_together_gives_the_same_as_one_by_one() -> None:
+@pytest.mark.parametrize("fast", [False, True])
+@pytest.mark.parametrize(("error", "cut"), [(0, 10), (0x80, 10), (0, 9), (7, 0)])
+def test_decoding_all_servos_together_gives_the_same_as_one_by_one(
+    fast: bool, error: int, cut: int
+) -> None:
     ids = (1, 2, 3)
-    roster = Roster([ServoConfig(id=servo_id) for servo_id in ids])
+    decoder = Decoder(Roster([ServoConfig(id=servo_id) for servo_id in ids]))
     data = [number(i, 2) + number(-i, 4) + number(1000 * i, 4) for i in ids]
-    for error, cut in ((0, 10), (0x80, 10), (0, 9), (7, 0)):
-        statuses = [Status(i, 0, data[i - 1], 0) for i in ids]
-        statuses[1] = Status(2, error, data[1][:cut], 0)
-        together = Decoder(roster).states(packet.sync_read(ids, 126, 10), statuses)
-        alone = [
-            Decoder(roster).states(packet.read(status.id, 126, 10), [status])[0]
-            for status in statuses
-        ]
-        assert together == alone
+    values = [(0, data[0]), (error, data[1][:cut]), (0, data[2])]
+    instruction = (packet.fast_sync_read if fast else packet.sync_read)(ids, 126, 10)
+    if fast:
+        answer = encode_fast(expect(instruction), values)
+    else:
+        packets = zip(ids, values, strict=True)
+        answer = b"".join(packet.StatusPacket(i, *value).encode() for i, value in packets)
+    answers = reader(instruction).read(answer)
+    assert (answers.reader is not None) == (cut == 10)
+    together = decoder.states(instruction, answers)
+    alone = [
+        decoder.states(packet.read(status.id, 126, 10), said(status))[0]
+        for status in answers.statuses
+    ]
+    assert together == alone
+    assert fast or len(together) == 3
+
+
+def test_answers_of_another_layout_are_not_taken_for_what_the_instruction_reads() -> None:
+    ids = (1, 2)
+    decoder = Decoder(Roster([ServoConfig(id=servo_id) for servo_id in ids]))
+    refusals = b"".join(packet.StatusPacket(servo_id, 7).encode() for servo_id in ids)
+    answers = AnswerReader(Expectation(ids, (packet.STATUS_BYTES,) * 2)).read(refusals)
+    states = decoder.states(packet.sync_read(ids, 126, 10), answers)
+    assert [(state.id, state.error, state.position) for state in states] == [
+        (1, 7, None),
+        (2, 7, None),
+    ]

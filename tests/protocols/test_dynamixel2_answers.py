@@ -214,6 +214,11 @@ def assert_same_both_ways(answer_reader: AnswerReader, data: bytes) -> Answers:
     quick, slow = answer_reader.read(data), answer_reader._account(data)
     assert quick.clean == slow.clean
     assert quick.statuses == slow.statuses
+    assert quick.has_errors == slow.has_errors == any(s.error for s in slow.statuses)
+    if quick.reader is not None:
+        width = quick.reader.expectation.data_lengths[:1] or (0,)
+        values = quick.reader.unpacker(f"{width[0]}s")(quick.healthy)
+        assert list(values) == [status.parameters for status in slow.statuses]
     assert (quick.missing, quick.unexpected) == (slow.missing, slow.unexpected)
     assert quick.segments == slow.segments
     if quick.segments is not None:

@@ -5,10 +5,11 @@ one CRC call for each servo, no object for any of them. Whatever departs from th
 byte goes through :mod:`.scanner`, with the same result type and the same findings.
 """
 
+from collections.abc import Callable, Iterable
 from functools import lru_cache
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from struct import Struct
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from fastcrc.crc16 import umts
 
@@ -65,9 +66,11 @@ class Answers:
         unexpected: Intact answers of servos that were not asked, and second answers.
         segments: The account of all the bytes, without single runs (see :class:`.Scanner`);
             absent if clean.
+        reader: Whose layout the bytes have exactly; absent if they have not.
+        healthy: The bytes in this layout; empty without one.
     """
 
-    __slots__ = ("_data", "_places", "_statuses", "missing", "segments", "unexpected")
+    __slots__ = ("_statuses", "healthy", "missing", "reader", "segments", "unexpected")
 
     def __init__(
         self,
@@ -76,12 +79,12 @@ class Answers:
         unexpected: tuple[Status, ...] = (),
         segments: list[Segment] | None = None,
         *,
-        data: bytes = b"",
-        places: tuple[_Place, ...] = (),
+        reader: "AnswerReader | None" = None,
+        healthy: bytes = b"",
     ) -> None:
         self._statuses = statuses
-        self._data = data
-        self._places = places
+        self.reader = reader
+        self.healthy = healthy
         self.missing = missing
         self.unexpected = unexpected
         self.segments = segments
@@ -95,25 +98,44 @@ class Answers:
         return self.segments is None
 
     @property
+    def has_errors(self) -> bool:
+        """Whether any of the expected servos sets its error byte."""
+        if self.reader is not None:
+            return any(self.reader.error_bytes(self.healthy))
+        return any(status.error for status in self.statuses)
+
+    @property
     def statuses(self) -> list[Status]:
         """The intact answers of the expected servos, in the order in which they came."""
         if self._statuses is None:
-            data = self._data
+            assert self.reader is not None
+            data = self.healthy
             new = tuple.__new__  # what Status(…) comes to, at half the time
             self._statuses = [
                 new(Status, (servo_id, data[error], data[span], end))
-                for servo_id, error, span, end in self._places
+                for servo_id, error, span, end in self.reader.places
             ]
         return self._statuses
 
 
 class AnswerReader:
-    """Reads answers to one kind of instruction; make it once (see :func:`reader`), use it often."""
+    """Reads answers to one kind of instruction; make it once (see :func:`reader`), use it often.
+
+    Attributes:
+        expectation: What has to come.
+        places: Where each servo's answer lies within a healthy one.
+        error_bytes: Takes the error bytes out of a healthy one.
+    """
 
     def __init__(self, expectation: Expectation) -> None:
         self.expectation = expectation
         self._total = expectation.total_bytes
-        self._places = _places(expectation)
+        self.places = _places(expectation)
+        errors = [place.error for place in self.places]
+        # The first twice: of a single index there would be no tuple.
+        self.error_bytes: Callable[[bytes], Iterable[int]] = (
+            itemgetter(errors[0], *errors) if errors else bytes
+        )
         lengths = expectation.lengths
         if expectation.fast:
             # The bytes between one CRC's start and the next, then again ids and CRCs as numbers.
@@ -141,8 +163,20 @@ class AnswerReader:
         if len(data) == self._total and not self.expectation.broadcast_ping:
             healthy = self._is_healthy_fast if self.expectation.fast else self._is_healthy
             if healthy(data):
-                return Answers(None, data=data, places=self._places)
+                return Answers(None, reader=self, healthy=data)
         return self._account(data)
+
+    def unpacker(self, fields: str) -> Callable[[bytes], tuple[Any, ...]]:
+        """What takes the values of all servos at once out of a healthy answer.
+
+        Args:
+            fields: What the parameters of each hold, in the notation of :mod:`struct`.
+        """
+        layout, at = "<", 0
+        for place in self.places:
+            layout += f"{place.data.start - at}x{fields}"
+            at = place.data.stop
+        return Struct(f"{layout}{self._total - at}x").unpack
 
     def _is_healthy(self, data: bytes) -> bool:
         # FF FF FD elsewhere than at a packet's start means stuffing, which shifts the parameters.

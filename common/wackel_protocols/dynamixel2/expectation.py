@@ -6,7 +6,7 @@ only ping and the reads of several servos are answered.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 from wackel_protocols.dynamixel2.packet import (
     BROADCAST_ID,
@@ -45,12 +45,12 @@ class Expectation:
     fast: bool = False
     broadcast_ping: bool = False
 
-    @property
+    @cached_property
     def total_bytes(self) -> int:
         """Bytes of all answers together if none is stuffed."""
         return sum(self.lengths) + (FAST_PREFIX_BYTES if self.fast else 0)
 
-    @property
+    @cached_property
     def data_lengths(self) -> tuple[int, ...]:
         """Bytes of parameters of each answer."""
         overhead = FAST_BLOCK_BYTES if self.fast else STATUS_BYTES
