@@ -5,6 +5,8 @@ A cable is named after the servos it joins, in cable order from the adapter.
 
 ADAPTER = "adapter"
 ODOMETRY = "odometry"
+DRIVE = "drive"
+COMMAND = "command"
 
 
 def bus(name: str) -> str:
@@ -71,6 +73,10 @@ def in_words(component: str) -> str:
             return f"the {part} of wheel {wheel}"
         case ["gyro", gyro]:
             return f"the gyro {gyro}"
+        case ["drive"]:
+            return "the drive as a whole"
+        case ["command"]:
+            return "the commanded velocity"
         case ["service", *name]:
             return f"the service {'/'.join(name)}"
         case _:

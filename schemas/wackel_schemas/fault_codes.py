@@ -34,6 +34,7 @@ class FaultCode:
 
 
 _CHAIN = ("can_command",)
+_WHEELS = ("can_drive",)
 
 FAULT_CODES: dict[str, FaultCode] = {
     # The wire.
@@ -270,6 +271,104 @@ FAULT_CODES: dict[str, FaultCode] = {
         ("can_localise",),
         debounce_s=0.5,
         heal_s=0.5,
+    ),
+    # The drive: table 1 of the paper on kinematic diagnosis, and what it leaves out.
+    "wheel_blocked": FaultCode(
+        "{component} is blocked: the wheel is dragged over the floor.",
+        "Stop. Look for what jams the wheel or its gear; if it turns by hand with the power off, "
+        "exchange the servo.",
+        "fault",
+        _WHEELS,
+    ),
+    "wheel_sticks": FaultCode(
+        "{component} sticks now and then.",
+        "Look for hair, thread or a screw in wheel and gear, and for a cable that catches; then "
+        "exchange the servo.",
+        "fault",
+        _WHEELS,
+    ),
+    "wheel_free": FaultCode(
+        "{component} does not drive: the wheel only rolls along.",
+        "If the servo's torque is off, see why (overload, supply) and switch it on; else fasten "
+        "the wheel on its shaft, then look at the gear.",
+        "fault",
+        _WHEELS,
+    ),
+    "wheel_deviates": FaultCode(
+        "{component} does not turn as fast as it is told: the wheel slips.",
+        "Check the servo's velocity limit, gains and supply, and that the wheel touches the floor.",
+        "fault",
+        _WHEELS,
+    ),
+    "wheel_sensor": FaultCode(
+        "The speed that {component} shows is wrong; the wheel itself turns as it should.",
+        "Restart the servo; if it comes back, exchange it: its encoder is faulty.",
+        "fault",
+    ),
+    "steering_blocked": FaultCode(
+        "{component} is blocked: it does not follow.",
+        "Stop. Look for what jams it, whether its torque is on, and for a cable that is too short; "
+        "if it turns by hand with the power off, exchange the servo.",
+        "fault",
+        _WHEELS,
+    ),
+    "steering_offset": FaultCode(
+        "{component} stands off what it is told.",
+        "Check its load, its gains and its limits; look for what holds it.",
+        "fault",
+        _WHEELS,
+    ),
+    "steering_reference": FaultCode(
+        "{component} stands {angle} off what it shows: its zero is wrong.",
+        "Align the wheel and correct steering_offset in robot.toml; see whether the horn has "
+        "slipped on its shaft.",
+        "fault",
+        heal_s=5.0,
+        window_s=60.0,
+    ),
+    "steering_sensor": FaultCode(
+        "The angle that {component} shows is wrong; the wheel itself stands as it should.",
+        "Restart the servo; if it comes back, exchange it: its encoder is faulty.",
+        "fault",
+    ),
+    "gyro_deviates": FaultCode(
+        "{component} contradicts all wheels.",
+        "See whether it is loose; let the robot rest for some seconds so that its bias is learnt "
+        "anew; then exchange it.",
+        "fault",
+    ),
+    "two_faults": FaultCode(
+        "{component} is faulty, together with {others}.",
+        "Stop. Two parts at once: look for what they share, a cable, a supply, a blow.",
+        "fault",
+        _WHEELS,
+    ),
+    "drive_disturbed": FaultCode(
+        "Something acts on {component}: a collision, or wheels that slip on the floor.",
+        "Look at what the robot stands against, and at the floor.",
+        "warning",
+        heal_s=1.0,
+    ),
+    "command_not_followed": FaultCode(
+        "{component} is not what the drive does, though all wheels agree with each other.",
+        "See whether something else commands the servos, and whether torque is on; check the "
+        "wheels of robot.toml against those of the control.",
+        "fault",
+        _WHEELS,
+    ),
+    "command_singular": FaultCode(
+        "{component} turns the robot about the contact of wheel {wheel}, where its direction is "
+        "not defined.",
+        "Let the planner keep the centre of rotation away from the wheels' contacts.",
+        "warning",
+        heal_s=1.0,
+    ),
+    "command_infeasible": FaultCode(
+        "{component} cannot be driven: {reason}.",
+        "Let the planner keep to what the drive can do.",
+        "warning",
+        debounce_s=0.2,
+        heal_s=1.0,
     ),
     # The gateway and the processes.
     "adapter_unplugged": FaultCode(

@@ -23,9 +23,15 @@ from wackel_schemas.drive import (
 from wackel_schemas.fault import FaultReport
 from wackel_schemas.health import Health, HealthReply, HealthRequest, Heartbeat
 from wackel_schemas.message import Message, Record
+from wackel_schemas.residuals import Residuals
 from wackel_schemas.virtual import VirtualReply, VirtualRequest
 
 ROOT = "wackel"
+MOST_BYTES = 1 << 18
+"""The longest message of wackel's own but health: a bus that was jammed for a tenth of a second at
+4 Mbit/s gives a transaction of 40 kB."""
+MOST_HEALTH_BYTES = 1 << 22
+"""As many faults as the aggregator keeps, each with the longest evidence that it takes."""
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Record)
@@ -43,6 +49,8 @@ class Topic(Generic[M]):
             gateway's place; ``derived`` for what wackel concludes from it.
         keep: What a reader that is slow keeps: the ``newest`` (state) or ``all`` (evidence).
         latched: Whether a late subscriber gets the latest value.
+        most_bytes: Longer ones are refused: strangers' messages must fill neither the memory nor
+            the time of a reader.
     """
 
     pattern: str
@@ -50,6 +58,7 @@ class Topic(Generic[M]):
     origin: Literal["input", "derived"]
     keep: Literal["newest", "all"]
     latched: bool = False
+    most_bytes: int = MOST_BYTES
 
     def key(self, **chunks: str) -> str:
         """The key below the robot's name; a chunk that is not given matches any (``*``)."""
@@ -85,8 +94,9 @@ IMU = Topic("imu/{name}", ImuSample, "input", "newest")
 TWIST_COMMAND = Topic("command/twist", TwistCommand, "input", "newest")
 ODOMETRY = Topic("odometry", Odometry, "derived", "newest")
 EXCLUSIONS = Topic("exclusions", Exclusions, "derived", "newest", latched=True)
+RESIDUALS = Topic("residuals", Residuals, "derived", "newest")
 FAULT = Topic("fault/{source}", FaultReport, "derived", "all")
-HEALTH = Topic("health", Health, "derived", "newest", latched=True)
+HEALTH = Topic("health", Health, "derived", "newest", latched=True, most_bytes=MOST_HEALTH_BYTES)
 ALIVE = Topic("alive/{service}/{instance}", Heartbeat, "derived", "all")
 
 BUS_REQUEST = Query("bus/{bus}/request", BusRequest, BusReply)
@@ -103,6 +113,7 @@ TOPICS: tuple[Topic[Message], ...] = (  # type: ignore[assignment]
     TWIST_COMMAND,
     ODOMETRY,
     EXCLUSIONS,
+    RESIDUALS,
     FAULT,
     HEALTH,
     ALIVE,
