@@ -16,7 +16,19 @@ from wackel_node.config_types import Name, Positive, Section, ServoId, Share
 from wackel_node.errors import USAGE, Explained
 from wackel_node.toml_text import toml_text
 
-BAUD_RATES = (9600, 57600, 115200, 1_000_000, 2_000_000, 3_000_000, 4_000_000, 4_500_000)
+# What servos of protocol 2.0 can be set to; the two highest only the P series.
+BAUD_RATES = (
+    9600,
+    57600,
+    115200,
+    1_000_000,
+    2_000_000,
+    3_000_000,
+    4_000_000,
+    4_500_000,
+    6_000_000,
+    10_500_000,
+)
 
 Endpoint = Annotated[
     str,

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wackel_node.config import (
+    BAUD_RATES,
     BusConfig,
     ConfigError,
     LooseContactConfig,
@@ -19,6 +20,7 @@ from wackel_node.config import (
     load,
     parse,
 )
+from wackel_protocols.dynamixel2 import control_table
 
 BUS = '[buses.main]\nport = "/dev/ttyUSB0"\n'
 
@@ -34,9 +36,9 @@ MISTAKES = {
     "[buses.main]": "buses.main.port is missing: allowed is a text in quotes",
     BUS + "baudrate = 3": "buses.main.baudrate: unknown key; did you mean baud_rate?",
     BUS + 'baud_rate = "fast"': "buses.main.baud_rate = 'fast': allowed are 9600, 57600, 115200, "
-    "1000000, 2000000, 3000000, 4000000, 4500000",
+    "1000000, 2000000, 3000000, 4000000, 4500000, 6000000, 10500000",
     BUS + "baud_rate = 12345": "buses.main.baud_rate = 12345: allowed are 9600, 57600, 115200, "
-    "1000000, 2000000, 3000000, 4000000, 4500000",
+    "1000000, 2000000, 3000000, 4000000, 4500000, 6000000, 10500000",
     BUS + 'mode = "pol"': "buses.main.mode = 'pol': allowed are 'poll', 'proxy', 'tap'",
     BUS + "rate = 0": "buses.main.rate = 0: allowed is a number, above 0 … 2000",
     BUS + "rate = true": "buses.main.rate = true: allowed is a number, above 0 … 2000",
@@ -186,3 +188,7 @@ def _as_toml(tree: dict[str, Any]) -> str:
 def test_values_without_a_place_in_a_configuration_are_told() -> None:
     with pytest.raises(ConfigError, match=rf"robot = {date(1979, 5, 27)}: allowed is a name"):
         parse("robot = 1979-05-27")
+
+
+def test_a_bus_may_run_at_every_rate_that_a_servo_can_be_set_to() -> None:
+    assert BAUD_RATES == control_table.BAUD_RATES
