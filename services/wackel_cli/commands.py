@@ -22,6 +22,7 @@ GROUPS: dict[str, dict[str, Command]] = {
         "virtual": Command("wackel_virtual.__main__", "a virtual robot, with faults at will"),
         "pilot": Command("wackel_pilot.__main__", "drive a robot with wheels along a path"),
         "demo": Command("wackel_cli.demo", "see faults injected, named and healed; no hardware"),
+        "paper": Command("wackel_cli.paper", "repeat the paper's experiment on a blocked wheel"),
     },
     "Look at it": {
         "top": Command("wackel_cli.top", "live view of buses, servos and faults"),
