@@ -32,7 +32,7 @@ from wackel_node.config import RobotConfig
 from wackel_node.errors import NOT_REACHED, Explained
 from wackel_node.log import logger
 from wackel_schemas import wire
-from wackel_schemas.keys import ROOT, Query, Topic
+from wackel_schemas.keys import MOST_BYTES, MOST_HEALTH_BYTES, ROOT, Query, Topic
 from wackel_schemas.message import Message, Record
 
 M = TypeVar("M", bound=Message)
@@ -42,13 +42,10 @@ R = TypeVar("R", bound=Message)
 # How many messages wait for a busy reader: of state a quarter of a second at 1 kHz, of evidence
 # several seconds, which also bounds the age of what is still worth reading.
 _DEPTH = {"newest": 256, "all": 4096}
-# The longest message of wackel's own, a health with a hundred faults and their evidence, has some
-# 200 kB; strangers' messages must fill neither the memory nor the time.
-MOST_BYTES = 1 << 20
 # What Zenoh itself puts together before anyone can refuse it (twice as much, as measured), and
 # what may wait in one inbox.
-_MOST_REASSEMBLED = 4 * MOST_BYTES
-_MOST_WAITING = 16 * MOST_BYTES
+_MOST_REASSEMBLED = MOST_HEALTH_BYTES
+_MOST_WAITING = 4 * MOST_HEALTH_BYTES
 _MOST_TOLD = 200  # characters of a refusal
 _WARN_EVERY_S = 60.0
 # Strangers may write on any key: what is remembered of each ends here.
@@ -319,7 +316,7 @@ class Link:
         def deliver(item: tuple[str, bytes | int]) -> None:
             key, payload = item
             if isinstance(payload, int):
-                self._refuse(key, f"{payload} bytes; no message has more than {MOST_BYTES}")
+                self._refuse(key, f"{payload} bytes; it never has more than {topic.most_bytes}")
             else:
                 handler(key, payload)
 
@@ -328,7 +325,7 @@ class Link:
         def on_sample(sample: zenoh.Sample) -> None:
             payload, size = sample.payload, len(sample.payload)
             key = str(sample.key_expr)[prefix:]
-            if size > MOST_BYTES:
+            if size > topic.most_bytes:
                 inbox.add((key, size))
             else:
                 inbox.add((key, payload.to_bytes()), size)
@@ -347,9 +344,19 @@ class Link:
         self._entities.append(entity)
 
     def watch_alive(self, handler: Callable[[str, bool], None]) -> None:
-        """Calls ``handler("<service>/<instance>", alive)`` when a process comes or goes."""
+        """Calls ``handler("<service>/<instance>", alive)`` when a process comes or goes.
+
+        What makes no sense to the handler (:class:`wire.Rejected`) is counted and logged.
+        """
         prefix = len(self._prefix) + len("alive/")
-        inbox = self._inbox("all", lambda item: handler(*item))
+
+        def deliver(item: tuple[str, bool]) -> None:
+            try:
+                handler(*item)
+            except wire.Rejected as error:
+                self._refuse(f"alive/{item[0]}", str(error))
+
+        inbox = self._inbox("all", deliver)
 
         def on_sample(sample: zenoh.Sample) -> None:
             inbox.add((str(sample.key_expr)[prefix:], sample.kind == zenoh.SampleKind.PUT))

@@ -8,7 +8,7 @@ import zenoh
 from wackel_node.errors import USAGE, Explained
 from wackel_node.link import Link
 from wackel_schemas import wire
-from wackel_schemas.keys import TOPICS, Topic, topic_of
+from wackel_schemas.keys import MOST_HEALTH_BYTES, TOPICS, Topic, topic_of
 from wackel_schemas.message import Message
 
 EVERYTHING = "**"
@@ -35,7 +35,9 @@ def listen(link: Link, patterns: Sequence[str], handler: Callable[[str, bytes], 
     Raises:
         BadPattern: Before anything is subscribed.
     """
-    asked: list[Topic[Message]] = [Topic(each, Message, "input", "all") for each in patterns]
+    asked: list[Topic[Message]] = [
+        Topic(each, Message, "input", "all", most_bytes=MOST_HEALTH_BYTES) for each in patterns
+    ]
     wanted = [key_expression(topic.key()) for topic in asked]
     latched = [
         topic

@@ -17,6 +17,7 @@ from wackel_schemas.health import Heartbeat
 from wackel_schemas.keys import ALIVE, ROOT
 
 _LINKING_S = 0.5  # links to all services are up in a tenth of this
+_MOST_REASON = 1000  # characters
 HEARTBEAT_S = 0.5  # a hung service shows after 2.5 of these, well within two seconds
 
 State = Literal["starting", "ready", "stopping", "crashed"]
@@ -118,4 +119,4 @@ def _reason(error: BaseException) -> str:
     """``ValueError: text (core.py:12)``."""
     frames = tracebacks.extract_tb(error.__traceback__)
     place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
-    return f"{type(error).__name__}: {error}{place}"
+    return f"{type(error).__name__}: {str(error)[:_MOST_REASON]}{place}"

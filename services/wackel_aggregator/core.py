@@ -4,7 +4,8 @@ import contextlib
 from collections.abc import Collection
 
 from wackel_aggregator.faults import Fault, FaultMemory, Voice
-from wackel_aggregator.services import Service, ServiceBook
+from wackel_aggregator.services import MOST_NAME, Service, ServiceBook
+from wackel_aggregator.soundness import sound
 from wackel_aggregator.state import SavedFault, State
 from wackel_aggregator.transitions import TransitionLog
 from wackel_node.clock import Instant
@@ -71,6 +72,9 @@ class Aggregator:
         """
         if source == SOURCE:
             raise Rejected(f"{SOURCE} is this service's own name as a source")
+        if len(source) > MOST_NAME:
+            raise Rejected(f"a source's name has at most {MOST_NAME} characters")
+        report = sound(report)
         service = self._services.named(report.boot)
         fault = self._faults.find(report.code, report.component, source)
         known = service or (fault.service if fault is not None else "")

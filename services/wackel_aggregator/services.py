@@ -24,6 +24,8 @@ MAX_PERIOD_S = 60.0
 # A Raspberry Pi that boots needs some seconds to load Python for all services at once.
 START_UP_S = 10.0
 MAX_SERVICES = 64
+MOST_NAME = 128  # characters
+MOST_REASON = 2048
 _PLAYED = ("gateway/", "imu/")
 
 
@@ -104,6 +106,8 @@ class ServiceBook:
         Raises:
             Rejected: The heartbeat makes no sense, or there are more services than can be.
         """
+        if len(beat.reason) > MOST_REASON or len(beat.rejection) > MOST_REASON:
+            raise Rejected(f"a reason has at most {MOST_REASON} characters")
         if not 0 < beat.period_s <= MAX_PERIOD_S:
             raise Rejected(f"period {beat.period_s} s is not within 0 … {MAX_PERIOD_S:g} s")
         service = self._service(name, now)
@@ -175,6 +179,8 @@ class ServiceBook:
     def _service(self, name: str, now: Instant) -> Service:
         service = self._services.get(name)
         if service is None:
+            if len(name) > MOST_NAME:
+                raise Rejected(f"a service's name has at most {MOST_NAME} characters")
             self._make_room(now)
             service = Service(name, now.monotonic_ns, since_utc=now.utc_ns)
             service.since_ns = now.monotonic_ns

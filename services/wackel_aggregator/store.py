@@ -1,10 +1,10 @@
 """The state in files that survive ``kill -9`` at any moment, and loss of power but for a second.
 
 A state is written before it is published, so that no number of a transition is ever given twice.
-Writing must then cost less than health may be late: it goes over the oldest of three slots, which
-takes microseconds and is all that a killed process needs. :meth:`Store.commit`, which is not in the
-way of health, brings the newest slot to the disk; the one that got there last is not touched
-before another has.
+Writing must then cost less than health may be late: it goes over the oldest of four slots, which
+takes microseconds and is all that a killed process needs. :meth:`Store.commit` has a thread bring
+the newest slot to the disk, which may take a tenth of a second; the slot that is on its way there,
+and the one that got there last, are not touched before another has.
 """
 
 import errno
@@ -12,6 +12,7 @@ import fcntl
 import os
 import struct
 import zlib
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Self
 
@@ -20,7 +21,7 @@ from wackel_node.errors import Explained
 from wackel_node.log import logger
 from wackel_schemas import wire
 
-_SLOTS = 3
+_SLOTS = 4  # the newest, one on its way to the disk, the one that got there, one to write
 _HEAD = struct.Struct(">8sQII")  # magic, serial number, length of the state, CRC-32 of all of it
 _MAGIC = b"wackel-1"
 
@@ -45,6 +46,8 @@ class Store:
         self._serial = 0
         self._newest: int | None = None  # numbers of slots
         self._durable: int | None = None
+        self._under_way: tuple[int, Future[None]] | None = None
+        self._disk = ThreadPoolExecutor(1, "disk")
         self._failing = False
         self._slots = self._open()
 
@@ -52,7 +55,10 @@ class Store:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._notice(wait=True)
         self.commit()
+        self._notice(wait=True)
+        self._disk.shutdown()
         for slot in self._slots:
             os.close(slot)
 
@@ -81,7 +87,7 @@ class Store:
             return
         self._serial += 1
         data = _pack(self._serial, state)
-        number = next(n for n in range(_SLOTS) if n not in (self._newest, self._durable))
+        number = self._oldest()
         try:
             if os.pwrite(self._slots[number], data, 0) < len(data):
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -92,15 +98,33 @@ class Store:
             self._failing = False
 
     def commit(self) -> None:
-        """Makes the newest state survive the loss of power; blocks while the disk writes."""
-        if self._newest is None or self._newest == self._durable:
+        """Has the newest state survive the loss of power; the disk is not waited for."""
+        self._notice()
+        if self._under_way is None and self._newest not in (None, self._durable):
+            written = self._disk.submit(os.fdatasync, self._slots[self._newest])
+            self._under_way = self._newest, written
+
+    def _notice(self, *, wait: bool = False) -> None:
+        """Takes notice of a slot that has got to the disk."""
+        if self._under_way is None:
             return
+        number, written = self._under_way
+        if not (wait or written.done()):
+            return
+        self._under_way = None
         try:
-            os.fdatasync(self._slots[self._newest])
+            written.result()
         except OSError as error:
             self._fail(error)
         else:
-            self._durable = self._newest
+            self._durable = number
+
+    def _oldest(self) -> int:
+        """The slot to write next."""
+        newest = -1 if self._newest is None else self._newest
+        kept = self._durable, self._under_way[0] if self._under_way is not None else None
+        slots = ((newest + step) % _SLOTS for step in range(1, _SLOTS))
+        return next(number for number in slots if number not in kept)
 
     def _open(self) -> list[int]:
         directory = self._path.parent

@@ -21,6 +21,10 @@ _REGISTERS = {
 }
 
 
+MOST_TOLD = 300
+"""Characters: a request may be long, what is said of it not."""
+
+
 class Refused(ValueError):
     """A command or request that is not carried out.
 
@@ -29,7 +33,7 @@ class Refused(ValueError):
     """
 
     def __init__(self, reason: str, text: str) -> None:
-        super().__init__(f"{reason}: {text}")
+        super().__init__(f"{reason}: {text}"[:MOST_TOLD])
         self.reason = reason
 
 

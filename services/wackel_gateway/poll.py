@@ -19,6 +19,7 @@ from wackel_node.node import Node
 from wackel_protocols.dynamixel2 import packet
 from wackel_schemas import keys
 from wackel_schemas.bus import BusCommand, BusReply, BusRequest
+from wackel_schemas.wire import Rejected
 
 _LOOK_S = 0.2  # at a rate of few cycles a second, a port that is gone shall still show at once
 _PUMP_NS = 5_000_000  # where cycles leave no pause, the node's messages get a turn so often
@@ -144,13 +145,14 @@ class Poller:
             )
 
     def _command(self, command: BusCommand) -> None:
+        if self._exchange is None:
+            self._reporter.refused("command", Refused("adapter unplugged", self._config.port))
+            return
         try:
-            if self._exchange is None:
-                raise Refused("adapter unplugged", self._config.port)
             instructions = writes(command.goals, self._roster)
         except Refused as refusal:
             self._reporter.refused("command", refusal)
-            return
+            raise Rejected(str(refusal)) from refusal  # so that health tells it, too
         self._schedule.command(instructions)
         self._reporter.statistics.commands += 1
 

@@ -57,6 +57,9 @@ EXAMINE_NS = 250_000_000
 FARTHEST = 1e6
 """m; a pose that is set beyond would have no millimetres left."""
 
+MOST_REASON = 200
+"""Characters; each step repeats it."""
+
 GATE_SIGMAS = math.sqrt(GATE)
 
 
@@ -128,9 +131,15 @@ class Odometer:
         return self._silence(sample.stamp)
 
     def exclusions(self, message: Exclusions) -> None:
-        """Obeys from the next step on; a component that is not there is ignored."""
+        """Obeys from the next step on; a component that is not there is ignored.
+
+        Of one that is named more than once the last word counts.
+        """
+        named = {each.component: each for each in message.excluded}
         self._excluded = [
-            each for each in message.excluded if self._rows.of_component(each.component) is not None
+            replace_fields(each, reason=each.reason[:MOST_REASON])
+            for each in named.values()
+            if self._rows.of_component(each.component) is not None
         ]
         self._blocked = blocked(self._rows, [each.component for each in self._excluded])
         self._slipping = any(each.fault == "actuator" for each in self._excluded)

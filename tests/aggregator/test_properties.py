@@ -11,9 +11,11 @@ from wackel_aggregator.faults import MAX_FAULTS
 from wackel_aggregator.services import MAX_SERVICES
 from wackel_node.clock import Instant
 from wackel_schemas import wire
+from wackel_schemas.bus import Transaction
 from wackel_schemas.fault import Evidence, FaultReport
 from wackel_schemas.fault_codes import FAULT_CODES
 from wackel_schemas.health import Health, HealthRequest, Heartbeat, Transition
+from wackel_schemas.keys import MOST_HEALTH_BYTES
 from wackel_schemas.wire import Rejected
 
 S = 1_000_000_000
@@ -22,6 +24,21 @@ words = st.sampled_from(["", "/", "bus", "bus/main", "service/gateway/main", "{r
 codes = st.sampled_from([*FAULT_CODES, "", "{}", "foreign"])
 components = words | st.sampled_from(["bus/main/servo/3", "bus/main/adapter", "bus/main/cable/1-2"])
 numbers = st.sampled_from([0, 1, -1, 2, 2**63 - 1, 2**64 - 1, -(2**63)])
+TRANSACTIONS = [
+    Transaction(
+        stamp=1,
+        purpose="cycle",
+        instruction=bytes(length),
+        sent_ns=0,
+        chunks=[],
+        expected=[],
+        expected_bytes=0,
+        deadline_ns=0,
+        ended_ns=0,
+        baud_rate=1_000_000,
+    )
+    for length in (10, 200_000)
+]
 reports = st.builds(
     FaultReport,
     stamp=numbers,
@@ -33,7 +50,12 @@ reports = st.builds(
     confidence=st.floats(0, 1) | st.floats(),
     message=words,
     remedy=words,
-    evidence=st.builds(Evidence, summary=words),
+    evidence=st.builds(
+        Evidence,
+        summary=words | st.just("long" * 3000),
+        values=st.dictionaries(words, st.floats() | numbers | words, max_size=2),
+        transaction=st.none() | st.sampled_from(TRANSACTIONS),
+    ),
     since=numbers,
     suspects=st.lists(words, max_size=2),
 )
@@ -44,15 +66,17 @@ beats = st.builds(
     state=st.sampled_from(["starting", "ready", "stopping", "crashed"]),
     period_s=st.sampled_from([0.5, 60.0]) | st.floats(),
     pid=numbers,
-    reason=words,
+    reason=words | st.just("why" * 9999),
+    rejected=numbers,
+    rejection=words | st.just("why" * 9999),
     lost=numbers,
     overrun=numbers,
     received=numbers,
 )
 names = st.sampled_from(
-    ["gateway/main", "classifier/main", "playback/x", "", "/", "aggregator/main"]
+    ["gateway/main", "classifier/main", "playback/x", "", "/", "aggregator/main", "x/" + 999 * "y"]
 )
-sources = st.sampled_from(["classifier", "gateway-main", "aggregator", "", "x"])
+sources = st.sampled_from(["classifier", "gateway-main", "aggregator", "", "x", 999 * "y"])
 requests = st.builds(
     HealthRequest,
     operation=st.sampled_from(["get", "acknowledge", "clear"]),
@@ -77,7 +101,9 @@ class Watch:
         self.seen: list[Transition] = []
 
     def check(self, health: Health) -> None:
-        wire.decode(wire.encode(health), Health)  # anything it says can be sent
+        data = wire.encode(health)
+        assert wire.decode(data, Health) == health  # anything it says can be sent, and is a number
+        assert len(data) <= MOST_HEALTH_BYTES
         last = self.seen[-1].number if self.seen else -1
         self.seen += [t for t in health.transitions if t.number > last]
         assert [t.number for t in self.seen] == list(range(len(self.seen)))
