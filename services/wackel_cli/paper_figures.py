@@ -1,0 +1,71 @@
+"""The content of the paper's figures 5 and 6 as pictures (extra ``sim``: matplotlib)."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from wackel_cli.paper_log import BLOCKED_S, END_S, PaperLog
+from wackel_schemas.residuals import Residuals
+
+_OF_WHEEL_3 = "tab:red"
+_OTHERS = "tab:blue"
+_AXES = ("vx, m/s", "vy, m/s", "ω, rad/s")
+
+
+def figure_5(log: PaperLog, path: Path) -> None:
+    """Candidates against the set point in velocity space while wheel 3 swings."""
+    figure = Figure(figsize=(7.0, 6.0))
+    axes = figure.add_subplot(projection="3d")
+    _velocity_space(axes, log.swinging(), "wheel 3 free: candidates and set point (figure 5)")
+    _save(figure, path)
+
+
+def figure_6(log: PaperLog, path: Path) -> None:
+    """Rates of the wheels over time, and the candidates after the block."""
+    figure = Figure(figsize=(11.0, 8.0), layout="constrained")
+    rates = np.array(log.rates)
+    wanted_at = [at for at, _ in log.wanted]
+    wanted = np.array([each for _, each in log.wanted])
+    for wheel in range(3):
+        axes = figure.add_subplot(2, 2, wheel + 1)
+        axes.plot(log.times, rates[:, wheel], color=_OTHERS, linewidth=0.8, label="measured")
+        axes.plot(wanted_at, wanted[:, wheel], color="black", linewidth=0.8, label="set point")
+        axes.axvline(BLOCKED_S, color=_OF_WHEEL_3, linestyle=":")
+        axes.set_xlim(0.0, END_S)
+        axes.set_title(f"{'abc'[wheel]}) wheel {wheel + 1}")
+        axes.set_xlabel("t, s")
+        axes.set_ylabel("rad/s")
+        axes.grid(visible=True, alpha=0.3)
+        axes.legend(loc="upper left")
+    axes = figure.add_subplot(2, 2, 4, projection="3d")
+    _velocity_space(axes, log.at(49.0), "d) candidates at 49 s")
+    _save(figure, path)
+
+
+def _velocity_space(axes: Any, residuals: Residuals | None, title: str) -> None:
+    """Candidates that use the rate of wheel 3 in red, the set point as a cross."""
+    axes.set_title(title)
+    for set_label, name in zip(
+        (axes.set_xlabel, axes.set_ylabel, axes.set_zlabel), _AXES, strict=True
+    ):
+        set_label(name)
+    if residuals is None:
+        return
+    for candidate in residuals.candidates:
+        point = candidate.vx, candidate.vy, candidate.omega
+        if None in point or candidate.singular:
+            continue
+        uses_it = candidate.name.endswith(";3)")
+        axes.scatter(*point, color=_OF_WHEEL_3 if uses_it else _OTHERS)
+        axes.text(*point, f" {candidate.name}", fontsize=8)
+    if residuals.commanded is not None:
+        axes.scatter(*residuals.commanded, color="black", marker="x", s=60)
+        axes.text(*residuals.commanded, " set point", fontsize=8)
+
+
+def _save(figure: Figure, path: Path) -> None:
+    FigureCanvasAgg(figure)
+    figure.savefig(path, dpi=120)
