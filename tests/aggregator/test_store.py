@@ -1,8 +1,10 @@
 """What is kept over a restart, and what becomes of broken files and disks."""
 
 import logging
+import os
 import shutil
 from pathlib import Path
+from threading import Event
 
 import pytest
 
@@ -57,6 +59,31 @@ def test_whatever_is_torn_by_a_loss_of_power_the_committed_state_is_there(tmp_pa
         assert store.load() == state(4)
 
 
+def test_a_disk_that_hangs_holds_up_nobody_and_its_slot_is_left_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hanging = Event()
+
+    def hang(slot: int) -> None:
+        hanging.wait(10)
+        fdatasync(slot)
+
+    fdatasync = os.fdatasync
+    monkeypatch.setattr(os, "fdatasync", hang)
+    with Store(tmp_path, "robot") as store:
+        store.prepare(state(0))
+        store.commit()
+        before = [path.read_bytes() for path in slots(tmp_path)]
+        for number in range(1, 9):
+            store.prepare(state(number))
+            store.commit()
+        after = [path.read_bytes() for path in slots(tmp_path)]
+        assert [old for old, new in zip(before, after, strict=True) if old == new] == [before[0]]
+        hanging.set()
+    with Store(tmp_path, "robot") as store:
+        assert store.load() == state(8)
+
+
 @pytest.mark.parametrize("damage", ["garbage", "cut", "flipped", "foreign"])
 def test_when_all_is_broken_it_is_set_aside_with_a_warning(
     tmp_path: Path, damage: str, caplog: pytest.LogCaptureFixture
@@ -106,7 +133,7 @@ def test_a_directory_that_cannot_be_made_costs_only_the_memory(
 def test_a_full_disk_is_told_once_and_costs_only_the_memory(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    for number in range(3):
+    for number in range(4):
         (tmp_path / f"robot.health.{number}").symlink_to("/dev/full")
     with Store(tmp_path, "robot") as store:
         assert store.load() is None
