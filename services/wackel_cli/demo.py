@@ -1,11 +1,11 @@
-"""``wackel demo``: a virtual chain of servos; every ten seconds a fault is injected and named."""
+"""``wackel demo``: a virtual robot drives; every ten seconds a fault is injected and named."""
 
 import argparse
-import socket
 import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Literal
@@ -16,11 +16,12 @@ from rich.text import Text
 
 from wackel_cli.robot_model import RobotModel
 from wackel_cli.robot_screen import render
-from wackel_cli.supervisor import Change
+from wackel_cli.supervisor import Change, Job
 from wackel_cli.top import follow
 from wackel_cli.up import rendezvous, robot_jobs, stopped_by_signals, supervised
+from wackel_cli.wheeled_robot import BUS, PILOT, WHEELS, three_wheels, with_physics
 from wackel_node import log
-from wackel_node.config import RobotConfig, load
+from wackel_node.config import RobotConfig, ServoConfig, dump
 from wackel_node.errors import FAILED, OK
 from wackel_node.keyboard import Keyboard
 from wackel_node.link import Link
@@ -29,11 +30,11 @@ from wackel_schemas.health import FaultRecord
 from wackel_schemas.keys import BUS_REQUEST, VIRTUAL_REQUEST
 from wackel_schemas.virtual import Injection, VirtualRequest
 
-BUS = "main"
 PERIOD_S = 10.0
 SHOWN_S = 6.0  # how long a fault stays at least, so that one can read it
 LIMIT_S = 15.0  # a loose contact may take ten seconds to be told from ordinary loss
 SERVOS = 12
+SPEED_M_S = 0.3  # as fast as an XM430 turns a wheel of 5 cm, with some reserve
 _REDRAW_S = 0.25
 _STORY_LINES = 5
 
@@ -89,9 +90,10 @@ def main(argv: list[str]) -> int:
     """Runs the demonstration; returns 1 if a fault was not named in time."""
     parser = argparse.ArgumentParser(
         prog="wackel demo",
-        description="Shows what wackel does, without hardware: a virtual chain of 12 servos on a "
-        "pseudo-terminal, all services as processes, and every ten seconds a new fault that is "
-        "injected, named and healed. q or Ctrl-C ends it and leaves nothing behind.",
+        description="Shows what wackel does, without hardware: a virtual robot with 12 servos on a "
+        "pseudo-terminal drives an eight on three steered wheels, all services run as processes, "
+        "and every ten seconds a new fault is injected, named and healed. q or "
+        "Ctrl-C ends it and leaves nothing behind.",
         epilog="While it runs, its robot can be looked at from elsewhere: see the line `look`.",
     )
     parser.add_argument("--plain", action="store_true", help="lines of text instead of the view")
@@ -102,15 +104,14 @@ def main(argv: list[str]) -> int:
     console = Console(highlight=False)
     plain = arguments.plain or not console.is_terminal
     with TemporaryDirectory(prefix="wackel-demo-") as directory:
-        path = _write_config(Path(directory))
-        config = load(path)
+        config = _config(Path(directory))
+        path = Path(directory) / "robot.toml"
+        path.write_text(dump(config), encoding="utf-8")
         with (
             (Path(directory) / "services.log").open("w", encoding="utf-8") as services_log,
             rendezvous(config) as link,
             stopped_by_signals(link) as stopped,
-            supervised(
-                link, robot_jobs(config, path, virtual=True), _note, services_log
-            ) as supervisor,
+            supervised(link, _jobs(config, path), _note, services_log) as supervisor,
         ):
             log.set_up("demo")
             show = Show(link, config, arguments.faults)
@@ -243,31 +244,24 @@ def _screen(show: Show, now_s: float, width: int, height: int) -> list[Text]:
     return [*render(show.model, now_s, width, height - len(story)), *story]
 
 
-def _write_config(directory: Path) -> Path:
-    """A robot.toml whose ports, state and rendezvous are of this demonstration alone."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    servos = "\n".join(f"    {{ id = {i}, model = 'XM430-W210' }}," for i in range(1, SERVOS + 1))
-    path = directory / "robot.toml"
-    path.write_text(
-        f"""robot = "demo"
-state_directory = "{directory}"
+def _config(directory: Path) -> RobotConfig:
+    """Three steered wheels on the first half of the chain, an arm on the second."""
+    roles = [f"{part} of {wheel}" for wheel in WHEELS for part in ("drive", "steering")]
+    roles += [f"joint {i}" for i in range(1, SERVOS - len(roles) + 1)]
+    servos = [
+        ServoConfig(id=i, model="XM430-W210", role=role) for i, role in enumerate(roles, start=1)
+    ]
+    return three_wheels("demo", directory, servos, nominal_voltage=12.0)
 
-[zenoh]
-endpoint = "tcp/127.0.0.1:{port}"
 
-[buses.{BUS}]
-port = "{directory}/bus"
-rate = 100.0
-nominal_voltage = 12.0
-servos = [
-{servos}
-]
-""",
-        encoding="utf-8",
-    )
-    return path
+def _jobs(config: RobotConfig, path: Path) -> list[Job]:
+    """The robot's, and a pilot that drives it."""
+    physics = "fast" if find_spec("mujoco") is None else "mujoco"
+    pilot = ("pilot", "--config", str(path), "--path", "eight", "--speed", str(SPEED_M_S))
+    return [
+        *with_physics(robot_jobs(config, path, virtual=True), physics),
+        Job(PILOT, pilot, after=(f"gateway/{BUS}",)),
+    ]
 
 
 if __name__ == "__main__":
