@@ -1,0 +1,428 @@
+"""The diagnoser of one robot: messages in, residuals, fault reports and exclusions out.
+
+Time is the stamps of the messages, so a recording gives the same as the robot.
+"""
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from wackel_diagnoser.bank import Bank
+from wackel_diagnoser.commands import CommandWatch, Complaint
+from wackel_diagnoser.efforts import Efforts
+from wackel_diagnoser.gyro_bias import GyroBias
+from wackel_diagnoser.history import BLOCKED, STICKING, History, Moment
+from wackel_diagnoser.hypotheses import Class, Hypotheses
+from wackel_diagnoser.kinds import WINDOW_S, KindTest
+from wackel_diagnoser.reference import Reference, Target
+from wackel_diagnoser.references import ReferenceErrors
+from wackel_diagnoser.reports import Finding, Reports
+from wackel_diagnoser.rows import Measured, Rows
+from wackel_diagnoser.scaling import Scaling
+from wackel_diagnoser.sequential import Sequential, threshold
+from wackel_diagnoser.steps import PaperSteps
+from wackel_drive.alignment import Alignment, Step
+from wackel_drive.layout import Layout
+from wackel_kinematics.array import Floats
+from wackel_node.config_drive import DriveConfig, GyroConfig
+from wackel_schemas import component
+from wackel_schemas.bus import BusState
+from wackel_schemas.drive import Exclusion, Exclusions, ImuSample, TwistCommand
+from wackel_schemas.fault import FaultReport
+from wackel_schemas.message import Message
+from wackel_schemas.residuals import HypothesisState, Residuals, RowState
+
+RATE = 100.0
+"""Hz for which false alarms are designed; at another rate they scale with it."""
+LEARN_EVERY = 4
+"""Steps; what is learnt changes within seconds."""
+SHOW_NS = 100_000_000
+"""How often residuals are published: as fast as people read."""
+EXAMINE_NS = 50_000_000
+"""How often faults are looked at while one is suspected."""
+CALM = 1 / 3
+"""Share of the alarm's limit up to which nothing is suspected."""
+MOVING_M_S = 0.05
+"""Slower, residuals say nothing of calibration, and a faulty wheel looks sound."""
+SOUND_S = 1.0
+"""For how long a part must have shown itself sound before it is healed."""
+CONTRARY = 0.5
+"""Evidence of one step for the fault that begins this anew."""
+TRAVELLED_RAD = 0.1
+"""How far a steering must have been told to turn meanwhile: one that is blocked looks sound until
+then."""
+OFF_S = 0.2
+"""A torque that is off for so long is no transient of switching on."""
+SHOWN = 5
+"""Hypotheses that are published."""
+
+
+class Diagnoser:
+    """Names faulty drives, steerings and sensors.
+
+    Args:
+        config: The drive.
+        gyros: By name, as published on ``imu/<name>``.
+    """
+
+    def __init__(self, config: DriveConfig, gyros: Mapping[str, GyroConfig]) -> None:
+        layout = self._layout = Layout(config)
+        self._gyros = tuple(gyros)
+        self._alignment = Alignment(layout, gyros)
+        self._reference = Reference(layout, config)
+        self._commands = CommandWatch(layout)
+        rows = self._rows = Rows(layout, config, gyros)
+        hypotheses = self._hypotheses = Hypotheses(layout, gyros)
+        self._bank = Bank(hypotheses.spread)
+        self._sensors = Scaling(rows.count, first=9.0, least=0.15)
+        self._manoeuvre = Scaling(rows.count, first=1.0, least=0.6)
+        limit = threshold(len(hypotheses), RATE)
+        self._sequential = Sequential(hypotheses.prior, hypotheses.explanation, limit)
+        self._bias = GyroBias(list(gyros.values()))
+        self._efforts = Efforts(layout)
+        self._references = ReferenceErrors(layout, config, rows)
+        self._paper = PaperSteps(layout)
+        self._history = History()
+        self._reports = Reports()
+        self._steps_made = 0
+        self._restarts = 0
+        self._shown: int | None = None
+        self._examined = 0
+        self._since = 0  # of the verdict
+        self._sound_s = self._travelled = 0.0
+        self._kind_test: KindTest | None = None
+        self._kind: Class = ""
+        self._complaint: Complaint | None = None
+        self._off_s = [0.0] * len(layout.drive.roll_wheels)
+        self._exclusions: list[Exclusion] | None = None
+        self._target_before: Floats | None = None
+
+    def bus_state(self, bus: str, state: BusState) -> list[Message]:
+        """Takes in what the servos of a bus said.
+
+        Returns:
+            Residuals, fault reports and exclusions; numbered by who publishes.
+        """
+        self._alignment.bus_state(bus, state)
+        self._efforts.bus_state(bus, state)
+        return self._steps()
+
+    def imu(self, name: str, sample: ImuSample) -> list[Message]:
+        """Takes in a sample of a gyro; one that is not configured is ignored."""
+        if name not in self._gyros:
+            return []
+        self._alignment.gyro(name, sample)
+        return self._steps()
+
+    def command(self, message: TwistCommand) -> None:
+        """Takes in what the drive is told; what cannot be a command is ignored."""
+        if self._reference.command(message):
+            twist = np.array((message.vx, message.vy, message.omega))
+            self._complaint = self._commands.look(twist, message.stamp)
+
+    def active(self) -> list[FaultReport]:
+        """The faults that are active, in the order in which they began."""
+        return self._reports.active()
+
+    def _steps(self) -> list[Message]:
+        self._alignment.refused.clear()
+        if self._alignment.restarts != self._restarts:
+            self._restarts = self._alignment.restarts
+            self._reference.forget()
+            self._sequential.forget()
+        messages: list[Message] = []
+        while (step := self._alignment.step()) is not None:
+            messages += self._step(step)
+        return messages
+
+    def _step(self, step: Step) -> list[Message]:
+        sequential, rows = self._sequential, self._rows
+        calm = sequential.verdict == 0 and sequential.alarm < CALM
+        target = self._reference.step(step, calm)
+        measured = rows.measure(step, target, self._bias.value)
+        variance = measured.base * self._sensors.factors
+        variance += measured.loose * self._manoeuvre.factors
+        variance[rows.gyros] += self._bias.variance
+        likelihood = self._bank.evaluate(measured.z, measured.h, variance, measured.size)
+        sequential.step(likelihood, step.seconds)
+        moving = measured.speed > MOVING_M_S
+        self._efforts.step(step.seconds, calm and moving)
+        self._history.add(Moment(step.end, step.heading, measured.z[rows.rolls], target))
+        self._steps_made += 1
+        if calm and self._steps_made % LEARN_EVERY == 0:
+            self._learn(measured, variance, step.seconds * LEARN_EVERY, moving)
+        reference = self._references.step(measured, step.seconds, calm)
+        changed = self._judge(step, target, measured, variance, likelihood)
+        self._watch_torque(step.seconds)
+        suspected = sequential.verdict != 0 or reference or self._complaint or any(self._off_s)
+        messages: list[Message] = []
+        if changed or (
+            (suspected or self._reports.active())
+            and not 0 <= step.end - self._examined < EXAMINE_NS
+        ):
+            messages += self._examine(step.end)
+        if changed or self._shown is None or not 0 <= step.end - self._shown < SHOW_NS:
+            messages.append(self._show(step, target, measured, variance))
+        return messages
+
+    def _learn(self, measured: Measured, variance: Floats, seconds: float, moving: bool) -> None:
+        """What residuals are like when nothing is wrong, and the gyros' bias."""
+        rows, covariance = self._rows, self._bank.covariance()
+        off = measured.z - measured.h @ (covariance @ self._bank.right())
+        # What the estimate took from a row itself does not show in its residual.
+        left = 1.0 - np.vecdot(measured.h @ covariance, measured.h) / variance
+        seen = measured.present & (left > 0.1)
+        left = np.maximum(left, 0.1)
+        if moving:
+            squares = off * off / (variance * left)
+            # A step teaches of what its variance is mostly made of.
+            loose = measured.loose * self._manoeuvre.factors > 0.5 * variance
+            self._sensors.learn(squares * self._sensors.factors, seen & ~loose, seconds)
+            self._manoeuvre.learn(squares * self._manoeuvre.factors, seen & loose, seconds)
+        g = rows.gyros
+        self._bias.learn(off[g] / left[g], variance[g] / left[g], seen[g], seconds, moving)
+
+    def _judge(
+        self, step: Step, target: Target, measured: Measured, variance: Floats, likelihood: Floats
+    ) -> bool:
+        """Follows the verdict; says whether it, or its kind, has changed."""
+        sequential, hypotheses = self._sequential, self._hypotheses
+        verdict = sequential.verdict
+        if verdict:
+            self._watch_soundness(step, target, likelihood)
+        changed = False
+        proposal = sequential.proposal()
+        if proposal is not None:
+            names, now = (set(hypotheses.explanations[i]) for i in (proposal, verdict))
+            if not names < now or self._sound_s >= SOUND_S:
+                sequential.accept(proposal)
+                self._take(proposal, step)
+                verdict, changed = proposal, True
+        if self._kind_test is not None and self._kind_test.seconds < WINDOW_S:
+            ratio = self._efforts.ratio() if self._efforts.known else None
+            self._kind_test.step(measured, variance, ratio, step.seconds)
+            kind = self._kind_test.kind()
+            changed |= kind != self._kind
+            self._kind = kind
+        return changed
+
+    def _take(self, verdict: int, step: Step) -> None:
+        """A new verdict."""
+        components = self._hypotheses.explanations[verdict]
+        self._since = step.begin
+        self._sound_s = self._travelled = 0.0
+        self._kind_test, self._kind = None, ""
+        if len(components) != 1:
+            return
+        place = self._hypotheses.place(components[0])
+        if place is None:
+            self._kind = "sensor" if components[0].startswith("gyro/") else ""
+            return
+        part, wheel = place
+        rolls = self._layout.drive.roll_wheels.tolist()
+        own = rolls.index(wheel) if part == "drive" else len(rolls) + wheel
+        spoilt = self._hypotheses.own_rows(components[0])
+        self._kind_test = KindTest(spoilt, self._rows.gyros, own, len(rolls))
+        self._kind = "sensor"
+
+    def _watch_soundness(self, step: Step, target: Target, likelihood: Floats) -> None:
+        """For how long the faulty part has shown that nothing is wrong with it."""
+        hypotheses, verdict = self._hypotheses, self._sequential.verdict
+        evidence = float(likelihood[hypotheses.members[verdict]].max() - likelihood[0])
+        place = None
+        if len(hypotheses.explanations[verdict]) == 1:
+            place = hypotheses.place(hypotheses.explanations[verdict][0])
+        shows = True
+        if place is not None:
+            part, wheel = place
+            roll = self._rows.roll_of(wheel)
+            shows = roll < 0 or abs(float(target.speed[roll])) > MOVING_M_S
+            before, self._target_before = self._target_before, target.heading
+            if before is not None and part == "steering":
+                turned = abs(float(target.heading[wheel] - before[wheel]))
+                # Half turns are the same direction.
+                self._travelled += turned if turned < 1.0 else 0.0
+                shows = shows and self._travelled > TRAVELLED_RAD
+        if evidence > CONTRARY:
+            self._sound_s = self._travelled = 0.0
+        elif shows:
+            self._sound_s += step.seconds
+
+    def _watch_torque(self, seconds: float) -> None:
+        off = self._efforts.off()
+        if any(off) or any(self._off_s):
+            self._off_s = [
+                s + seconds if is_off else 0.0 for s, is_off in zip(self._off_s, off, strict=True)
+            ]
+
+    def _examine(self, now: int) -> list[Message]:
+        """What has changed of faults and exclusions."""
+        self._examined = now
+        found = [*self._findings(now)]
+        messages: list[Message] = [*self._reports.update(found, now)]
+        exclusions = self._excluded(found)
+        if exclusions != (self._exclusions or []):
+            self._exclusions = exclusions
+            messages.append(Exclusions(stamp=now, excluded=exclusions))
+        return messages
+
+    def _findings(self, now: int) -> list[Finding]:
+        found = []
+        components = self._hypotheses.explanations[self._sequential.verdict]
+        free = [
+            component.wheel_drive(self._layout.names[wheel])
+            for wheel, off_s in zip(
+                self._layout.drive.roll_wheels.tolist(), self._off_s, strict=True
+            )
+            if off_s >= OFF_S
+        ]
+        for path in free:
+            summary = "its torque is off while that of others is on"
+            found.append(Finding("wheel_free", path, summary, now, confidence=0.99))
+        if len(components) == 2:
+            a, b = components
+            for path, other in ((a, b), (b, a)):
+                words = {"others": component.in_words(other)}
+                summary = "two at once explain the residuals, neither alone"
+                found.append(self._finding("two_faults", path, summary, words))
+        elif components and components[0] not in free:
+            found.append(self._single(components[0]))
+        reference = self._references.found
+        if reference is not None:
+            angle = f"{math.degrees(reference.angle):+.1f}°"
+            found.append(
+                Finding(
+                    "steering_reference",
+                    component.wheel_steering(self._layout.names[reference.wheel]),
+                    f"gyro and wheels agree on the yaw rate if it stands {angle} off",
+                    now,
+                    {"angle_rad": reference.angle, "sigma_rad": reference.sigma},
+                    {"angle": angle},
+                )
+            )
+        if self._complaint is not None:
+            complaint = self._complaint
+            words = {"reason": complaint.reason, "wheel": complaint.wheel}
+            summary = complaint.reason or f"the centre of rotation is at wheel {complaint.wheel}"
+            found.append(Finding(complaint.code, component.COMMAND, summary, now, words=words))
+        return found
+
+    def _single(self, path: str) -> Finding:
+        """The verdict on one component, by its row of table 1."""
+        place = self._hypotheses.place(path)
+        if place is None:
+            if path == component.DRIVE:
+                return self._finding("drive_disturbed", path, "all wheels slip at once")
+            if path == component.COMMAND:
+                return self._finding("command_not_followed", path, "the wheels agree on another")
+            return self._finding("gyro_deviates", path, "all wheels agree on another yaw rate")
+        part, wheel = place
+        history = self._history
+        if self._kind == "sensor":
+            what = "the gyro and the motors say that the robot moves as the others show"
+            return self._finding(f"{'wheel' if part == 'drive' else part}_sensor", path, what)
+        if part == "steering":
+            if history.steering_frozen(wheel, self._since):
+                stands = "it stands though it is told to turn"
+                return self._finding("steering_blocked", path, stands)
+            off = math.degrees(history.off(wheel, self._since))
+            return self._finding("steering_offset", path, f"it stands {off:+.1f}° off")
+        share = history.standing_share(self._rows.roll_of(wheel), self._since)
+        if share is not None and share >= BLOCKED:
+            return self._finding("wheel_blocked", path, "it stands though it is told to roll")
+        if share is not None and share >= STICKING:
+            return self._finding("wheel_sticks", path, f"it stood for {share:.0%} of the time")
+        return self._finding("wheel_deviates", path, "it slips against all others")
+
+    def _finding(
+        self, code: str, path: str, summary: str, words: dict[str, str] | None = None
+    ) -> Finding:
+        posterior = self._sequential.posterior()
+        hypotheses = self._hypotheses
+        here = float(posterior[hypotheses.members[self._sequential.verdict]].sum())
+        others = [
+            (float(posterior[i]), name)
+            for i in hypotheses.singles.tolist()
+            for name in hypotheses.each[i].components
+            if posterior[i] > 0.02 and name != path
+        ]
+        values: dict[str, float | int | str] = {"probability": round(here, 4)}
+        if self._kind_test is not None:
+            strain, strained = self._kind_test.strains
+            for name, value in (
+                ("gyro_share", self._kind_test.share),
+                ("current_ratio", strain),
+                ("others_current_ratio", strained),
+            ):
+                if math.isfinite(value):
+                    values[name] = round(value, 3)
+        return Finding(
+            code,
+            path,
+            summary,
+            self._since,
+            values,
+            words or {},
+            min(max(here, 0.5), 0.99),
+            tuple(dict.fromkeys(name for _, name in sorted(others, reverse=True))),
+        )
+
+    def _excluded(self, found: list[Finding]) -> list[Exclusion]:
+        """What odometry must not believe."""
+        result: dict[str, Exclusion] = {}
+        for finding in found:
+            if finding.component in (component.DRIVE, component.COMMAND):
+                continue
+            sensor = finding.code.endswith("_sensor") or finding.code == "gyro_deviates"
+            result[finding.component] = Exclusion(
+                component=finding.component,
+                fault="sensor" if sensor else "actuator",
+                reason=f"{finding.code}: {finding.summary}",
+            )
+        return list(result.values())
+
+    def _show(self, step: Step, target: Target, measured: Measured, variance: Floats) -> Residuals:
+        """What is seen, for people."""
+        self._shown = step.end
+        hypotheses, rows, drive = self._hypotheses, self._rows, self._layout.drive
+        twist = self._bank.covariance() @ self._bank.right()
+        off = (measured.z - measured.h @ twist).tolist()
+        sigma = np.sqrt(variance).tolist()
+        scale = np.sqrt(self._sensors.factors).tolist()
+        posterior = self._sequential.posterior()
+        likeliest = np.argsort(posterior)[::-1][:SHOWN].tolist()
+        gyro = measured.z[rows.gyros][measured.present[rows.gyros]]
+        judged = self._paper.judge(
+            drive.steering(step.heading),
+            step.wheel_rate,
+            drive.steering(np.where(np.isfinite(target.goal), target.goal, step.heading)),
+            target.twist,
+            float(gyro.mean()) if len(gyro) else math.nan,
+        )
+        known = bool(np.isfinite(target.twist).all())
+        return Residuals(
+            stamp=step.end,
+            commanded=target.twist.tolist() if known else None,
+            candidates=self._paper.candidates(judged),
+            signature=self._paper.signature(judged),
+            steps=self._paper.steps(judged),
+            rows=[
+                RowState(name=name, residual=r, sigma=s, scale=k)
+                for name, r, s, k, there in zip(
+                    rows.names, off, sigma, scale, measured.present.tolist(), strict=True
+                )
+                if there
+            ],
+            hypotheses=[
+                HypothesisState(
+                    components=list(hypotheses.each[i].components),
+                    fault=hypotheses.each[i].kind,
+                    probability=float(posterior[i]),
+                )
+                for i in likeliest
+            ],
+            alarm=self._sequential.alarm,
+            verdict=list(hypotheses.explanations[self._sequential.verdict]),
+            lags_s=list(self._reference.lags_s),
+        )

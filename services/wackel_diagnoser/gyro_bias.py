@@ -1,0 +1,38 @@
+"""What each gyro shows when nothing turns, learnt from wheels and gyros together."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wackel_kinematics.array import Bools, Floats
+from wackel_node.config_drive import GyroConfig
+
+SYSTEMATIC = 30.0
+"""Yaw rates of wheels that move are off by the same for seconds: so many steps count as one."""
+WANDERING_S = 100.0
+"""The time that ``bias_stability`` is about."""
+
+
+class GyroBias:
+    """A Kalman filter of one number for each gyro.
+
+    Attributes:
+        value: rad/s, shape (g,).
+        variance: Of that.
+    """
+
+    def __init__(self, gyros: Sequence[GyroConfig]) -> None:
+        self.value: Floats = np.zeros(len(gyros))
+        # A data sheet's limit is taken for three standard deviations.
+        self.variance: Floats = np.array([(gyro.bias_limit / 3) ** 2 for gyro in gyros])
+        self._wander = np.array([gyro.bias_stability**2 / WANDERING_S for gyro in gyros])
+
+    def learn(
+        self, off: Floats, variance: Floats, seen: Bools, seconds: float, moving: bool
+    ) -> None:
+        """Takes in by how much each gyro is off what all others say, and the variance of that."""
+        self.variance = self.variance + self._wander * seconds
+        noise = np.maximum(variance - self.variance, 1e-12) * (SYSTEMATIC if moving else 1.0)
+        gain = np.where(seen, self.variance / (self.variance + noise), 0.0)
+        self.value = self.value + gain * off
+        self.variance = self.variance * (1.0 - gain)

@@ -1,0 +1,200 @@
+"""What a step says, as rows with variances: constraints on the twist, and misses of references.
+
+Slide and roll rows (eq. 3 and 4) and gyros share the unknown twist; steering and rolling are also
+held against their references. Variances are propagated from what is known of the sensors, and then
+scaled by what fault-free driving shows (:mod:`wackel_diagnoser.scaling`).
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from wackel_diagnoser.reference import Target
+from wackel_drive.alignment import Step
+from wackel_drive.layout import Layout
+from wackel_kinematics.array import Bools, Floats
+from wackel_node.config_drive import DriveConfig, GyroConfig
+
+CREEP = 0.002
+"""m/s by which a tyre creeps sideways for no reason that is measured."""
+STEERING_LAG_S = 0.01
+"""s by which steering and rolling of one step may belong to different times."""
+ACCELERATING = 0.01
+"""s by which the drives of different wheels may differ in following."""
+FOLLOWS = 0.004
+"""Share, and rad, by which a drive and a steering that follow may stay off their references."""
+PENDING = 0.35
+"""Share of what is still to come (command less reference) by which a reference may be off: a real
+drive is no first-order lag."""
+CRAB = 0.3
+"""Share of the sideways speed of a wheel that still has to turn by which all wheels slip."""
+SIDEWAYS = 0.7
+"""The same for that wheel itself."""
+JERK = 0.5
+"""A gyro's sample and a step cover different times: up to half of how its value changes is late."""
+SLOWEST = 0.01
+"""m/s; a faulty wheel of a robot at rest is not off by less."""
+TREMBLE = 0.02
+"""rad/s by which a gyro may be off without any motion."""
+YAW = 0.3
+"""Share of speed by length by which a fault changes the yaw rate."""
+
+
+@dataclass
+class Measured:
+    """Rows of a step; a missing one has z = 0, h = 0 and size = 0, so that it says nothing.
+
+    Attributes:
+        z: Shape (M,).
+        h: Shape (M, 3).
+        base: Variance of sensors and calibration, which driving scales, shape (M,).
+        loose: Variance that the present manoeuvre adds, shape (M,).
+        size: What a fault's share refers to, shape (M,).
+        speed: The fastest wheel's, m/s.
+        present: Which rows are there.
+    """
+
+    z: Floats
+    h: Floats
+    base: Floats
+    loose: Floats
+    size: Floats
+    speed: float
+    present: Bools
+
+
+class Rows:
+    """Makes them.
+
+    Attributes:
+        names: ``wheel/<name>/slide``, ``…/roll``, ``gyro/<name>``, ``…/steering`` and
+            ``…/rolling`` (against the references).
+        slides, rolls, gyros, steering, rolling: Where each kind stands among the rows.
+    """
+
+    def __init__(
+        self, layout: Layout, config: DriveConfig, gyros: Mapping[str, GyroConfig]
+    ) -> None:
+        drive = self._drive = layout.drive
+        names = layout.names
+        slides, rolls = drive.slide_wheels, drive.roll_wheels
+        self._steered = slides[drive.steers[slides]]
+        ends = np.cumsum([0, len(slides), len(rolls), len(gyros), len(self._steered), len(rolls)])
+        self.slides, self.rolls, self.gyros, self.steering, self.rolling = (
+            slice(a, b) for a, b in pairwise(ends.tolist())
+        )
+        self.count = int(ends[-1])
+        self.names = (
+            *(f"wheel/{names[i]}/slide" for i in slides),
+            *(f"wheel/{names[i]}/roll" for i in rolls),
+            *(f"gyro/{name}" for name in gyros),
+            *(f"wheel/{names[i]}/steering" for i in self._steered),
+            *(f"wheel/{names[i]}/rolling" for i in rolls),
+        )
+        self._roll_of = np.full(drive.n, -1)
+        self._roll_of[rolls] = np.arange(len(rolls))
+        self._slide_roll = self._roll_of[slides]
+        self._slide_rolls = bool((self._slide_roll >= 0).all())
+        self._steered_roll = np.maximum(self._roll_of[self._steered], 0)
+        settings = list(gyros.values())
+        quantum = drive.roll_radius * config.encoder_step / math.sqrt(6)
+        none = np.zeros(len(slides))
+        self._white = np.concatenate(
+            [
+                none + CREEP**2,
+                np.zeros(len(rolls)),
+                np.zeros(len(settings)),
+                np.full(len(self._steered), config.encoder_step**2 + FOLLOWS**2),
+                np.full(len(rolls), (0.5 * CREEP) ** 2),
+            ]
+        )
+        density = np.array([each.noise_density**2 for each in settings])
+        wander = np.array([each.bias_stability**2 for each in settings])
+        self._white[self.gyros] = wander + (0.5 * CREEP / drive.length_m) ** 2
+        self._per_time = np.zeros(self.count)
+        self._per_time[self.gyros] = density
+        self._per_step = np.zeros(self.count)
+        self._per_step[self.rolls] = self._per_step[self.rolling] = quantum**2
+        self._share = np.concatenate(
+            [
+                np.full(len(slides), config.steering_error),
+                np.full(len(rolls), config.radius_error),
+                [each.scale_error for each in settings],
+                np.zeros(len(self._steered)),
+                np.full(len(rolls), FOLLOWS),
+            ]
+        )
+        self._to_beta = math.pi / 2 - drive.alpha
+        self._h = np.zeros((self.count, 3))
+        self._h[self.gyros, 2] = 1.0
+        self._constraints = len(slides) + len(rolls)
+        self._length_m = drive.length_m
+        self._gyro_before = np.zeros(len(settings))
+        self._all = np.ones(self.count, dtype=np.bool_)
+
+    def roll_of(self, wheel: int) -> int:
+        """Number of a wheel's roll row among the roll rows; -1 if it has none."""
+        return int(self._roll_of[wheel])
+
+    def measure(self, step: Step, target: Target, bias: Floats) -> Measured:
+        """The rows of a step.
+
+        Args:
+            step: What the sensors said.
+            target: What the wheels should have done.
+            bias: Of each gyro, rad/s.
+        """
+        drive, dt, steered = self._drive, step.seconds, self._steered
+        slides, rolls, gyros, rolling = self.slides, self.rolls, self.gyros, self.rolling
+        h = self._h.copy()
+        h[: self._constraints] = drive.rows(step.heading + self._to_beta)
+        rolled = drive.roll_radius * step.wheel_rate[drive.roll_wheels]
+        z = np.zeros(self.count)
+        z[rolls] = rolled
+        z[gyros] = step.gyro_rate - bias
+        z[self.steering] = (step.heading - target.heading)[steered]
+        z[rolling] = rolled - target.speed
+        # One sum tells whether anything is missing, which is rare.
+        whole = math.isfinite(float(z.sum())) and math.isfinite(float(h.sum()))
+        present = self._all
+        if not whole:
+            present = np.isfinite(z) & np.isfinite(h[:, 0])
+            z[~present] = 0.0
+            h[~present] = 0.0
+        shown = np.maximum(np.abs(rolled), np.abs(target.speed))
+        if not whole:
+            shown = np.fmax(np.abs(z[rolls]), np.abs(np.nan_to_num(target.speed)))
+        speed = float(shown.max(initial=0.0))
+        # Along the slide rows a wheel's own speed; the robot's where it does not roll by itself.
+        sliding = shown[self._slide_roll] if self._slide_rolls else np.full(slides.stop, speed)
+        size = np.full(self.count, speed + SLOWEST)
+        size[gyros] = TREMBLE + YAW * speed / self._length_m
+        size[self.steering] = 1.0
+        magnitude = np.zeros(self.count)
+        magnitude[slides], magnitude[rolls], magnitude[rolling] = sliding, shown, shown
+        magnitude[gyros] = np.abs(z[gyros])
+        magnitude *= self._share
+        base = magnitude * magnitude
+        base += self._white + self._per_time / dt + self._per_step / dt**2
+
+        gap = target.heading_gap[steered]
+        turned = np.abs(step.steered[steered]) / dt
+        if not whole:
+            turned = np.nan_to_num(turned)
+        # Wheels that are not turned yet push the whole robot aside.
+        aside = shown[self._steered_roll] * np.minimum(gap, 1.0)
+        crab = CRAB * float(aside.sum())
+        loose = np.full(self.count, crab)
+        if len(steered) == len(sliding):
+            loose[slides] += sliding * turned * STEERING_LAG_S + SIDEWAYS * aside
+        loose[self.steering] = PENDING * gap + STEERING_LAG_S * turned
+        loose[rolling] += PENDING * np.abs(target.speed_gap)
+        jerk = np.abs(z[gyros] - self._gyro_before)
+        loose[gyros] = crab / self._length_m + JERK * jerk
+        self._gyro_before = z[gyros]
+        if not whole:
+            size[~present] = 0.0
+        return Measured(z, h, base, loose * loose, size, speed, present)

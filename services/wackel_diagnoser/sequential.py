@@ -1,0 +1,111 @@
+"""When to speak up, and of what: sequential detection, and isolation with memory.
+
+Detection is a cumulative sum (Page 1954) for each hypothesis against the present verdict. Its
+increments are bounded, so that no single outlier raises an alarm, and weakened, since residuals of
+neighbouring steps are alike. A cumulative sum of log-likelihood ratios exceeds b by chance about
+once in e^b steps (Lorden 1971); with K of them, the threshold for a mean time T between false
+alarms at f steps a second is ln(K f T ρ).
+"""
+
+import math
+
+import numpy as np
+
+from wackel_kinematics.array import Floats
+
+INDEPENDENT = 0.25
+"""ρ: share of a step's evidence that is new; residuals correlate over some four steps."""
+BOUND = 5.5
+"""Of one step's evidence; an alarm then needs four steps at least."""
+FALSE_ALARM_S = 100 * 3600.0
+"""Designed mean time between false alarms."""
+WORST = 8.0
+"""By how much a step may count against a hypothesis beside the best of that step."""
+MEMORY_S = 0.35
+"""Of isolation: what a fault looks like changes with the motion, which changes within a second."""
+LEAD = 3.0
+"""By how much the best explanation must lead the next to be named at once (e³ = 20 to 1)."""
+PATIENCE_S = 0.15
+"""After an alarm the best is named after this time even so."""
+
+
+def threshold(hypotheses: int, rate: float) -> float:
+    """At which a cumulative sum raises an alarm."""
+    return math.log(hypotheses * rate * FALSE_ALARM_S * INDEPENDENT)
+
+
+class Sequential:
+    """Follows log-likelihoods and decides.
+
+    Hypotheses that name the same components, as sensor or as actuator, are one explanation here.
+
+    Args:
+        prior: Logarithms of the hypotheses' prior probabilities, shape (K,).
+        same: Which hypotheses name the same components: a number for each, shape (K,), 0 for none.
+        limit: Of the cumulative sums.
+
+    Attributes:
+        verdict: Number of the explanation that is taken to be true.
+        sums: The cumulative sums, shape (K,).
+        memory: Fading log-likelihoods, shape (K,), up to a constant.
+    """
+
+    def __init__(self, prior: Floats, same: list[int], limit: float) -> None:
+        self._prior = prior
+        self._same = np.array(same)
+        self._members = [np.flatnonzero(self._same == i) for i in range(max(same) + 1)]
+        self._limit = limit
+        self._alarm_s = 0.0
+        self.verdict = 0
+        self.sums = np.zeros(len(prior))
+        self.memory = np.zeros(len(prior))
+
+    @property
+    def alarm(self) -> float:
+        """The largest cumulative sum as a share of its limit."""
+        return float(self.sums.max()) / self._limit
+
+    def step(self, likelihood: Floats, seconds: float) -> None:
+        """Takes in the log-likelihoods of a step."""
+        accepted = float(likelihood[self._members[self.verdict]].max())
+        evidence = INDEPENDENT * (likelihood - accepted)
+        np.minimum(evidence, BOUND, out=evidence)
+        self.sums += evidence
+        np.maximum(self.sums, 0.0, out=self.sums)
+        evidence = INDEPENDENT * (likelihood - likelihood.max())
+        self.memory *= math.exp(-seconds / MEMORY_S)
+        self.memory += np.maximum(evidence, -WORST)
+        self._alarm_s = self._alarm_s + seconds if self.sums.max() > self._limit else 0.0
+
+    def posterior(self) -> Floats:
+        """Probabilities of the hypotheses, as the last fractions of a second tell, shape (K,)."""
+        logarithm = self.memory + self._prior
+        probability: Floats = np.exp(logarithm - logarithm.max())
+        probability /= probability.sum()
+        return probability
+
+    def proposal(self) -> int | None:
+        """Another explanation that should be the verdict, if there is an alarm and one is clear."""
+        if not self._alarm_s:
+            return None
+        logarithm = self.memory + self._prior
+        best = int(logarithm.argmax())
+        explanation = int(self._same[best])
+        if explanation == self.verdict or self.sums[best] < self._limit / 2:
+            return None
+        others = logarithm[self._same != explanation]
+        if logarithm[best] - others.max() < LEAD and self._alarm_s < PATIENCE_S:
+            return None
+        return explanation
+
+    def accept(self, explanation: int) -> None:
+        """Takes an explanation to be true from now on."""
+        self.verdict = explanation
+        self.sums[:] = 0.0
+        self._alarm_s = 0.0
+
+    def forget(self) -> None:
+        """Time was started anew; the verdict stays."""
+        self.sums[:] = 0.0
+        self.memory[:] = 0.0
+        self._alarm_s = 0.0

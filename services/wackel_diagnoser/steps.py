@@ -1,0 +1,222 @@
+"""The paper's Steps I to IV: candidates, signatures, redundancy, and their verdicts in words.
+
+This is what a person can follow; it does not decide (:mod:`wackel_diagnoser.sequential` does).
+Thresholds are fixed, found by experiment, as in the paper.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from wackel_drive.layout import Layout
+from wackel_kinematics.array import Bools, Floats
+from wackel_kinematics.candidates import Candidates
+from wackel_kinematics.signatures import as_text, drive_signatures, steering_signatures
+from wackel_schemas import component
+from wackel_schemas.residuals import Candidate, PaperStep
+
+SPEED = 0.05
+"""m/s by which vx and vy of a candidate may miss; of the yaw rate the same by length. Encoder steps
+of one cycle at the greatest noise gain that Step I leaves are a third of it."""
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What the four steps say of one moment.
+
+    Attributes:
+        twists: Of the candidates, shape (m, 3).
+        at_contact, coincident: Step I, singular of kind A and B, shape (m,).
+        left: Those that Step I leaves, shape (m,).
+        deviates: Step II, shape (m,).
+        components: What Step III names, or Step II where that is enough.
+        fault: ``sensor`` or ``actuator`` by Step IV; empty where it says nothing.
+        texts: A sentence for each step.
+    """
+
+    twists: Floats
+    at_contact: Bools
+    coincident: Bools
+    left: Bools
+    deviates: Bools
+    components: list[str] = field(default_factory=list)
+    fault: str = ""
+    texts: dict[str, str] = field(default_factory=dict)
+
+
+class PaperSteps:
+    """Applies them.
+
+    Args:
+        layout: The drive; one with fewer than three candidates has no steps to apply.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self._candidates = Candidates(layout.drive)
+        self._drive = layout.drive
+        names = layout.names
+        steers = layout.drive.steers
+        drives = drive_signatures(self._candidates)
+        steerings = steering_signatures(self._candidates)
+        self._suspects: list[tuple[str, Bools]] = [
+            *((component.wheel_drive(names[i]), drives[i]) for i in range(len(names))),
+            *((component.wheel_steering(names[i]), steerings[i]) for i in np.flatnonzero(steers)),
+        ]
+        self._suspects = [each for each in self._suspects if each[1].any()]
+        self._tolerance = np.array([SPEED, SPEED, SPEED / layout.drive.length_m])
+        self.labels = self._candidates.labels
+
+    def judge(
+        self, beta: Floats, rate: Floats, commanded_beta: Floats, command: Floats, yaw: float
+    ) -> Judgement:
+        """The steps for one moment.
+
+        Args:
+            beta: Measured steering, rad, shape (n,).
+            rate: Measured wheel rates, rad/s, shape (n,).
+            commanded_beta: Steering that was commanded, for Step I; NaN where it is not known.
+            command: The commanded twist; NaN if none is known.
+            yaw: What the gyro shows, rad/s; NaN if there is none.
+        """
+        candidates, drive = self._candidates, self._drive
+        twists = candidates.twists(drive.rows(beta), drive.values(rate))
+        singular = candidates.singularities(drive.rows(commanded_beta))
+        left = ~singular.any & np.isfinite(twists[:, 0])
+        texts = {"I": self._text_of_first(singular.at_contact, singular.coincident)}
+        off = self._apart(twists, command)
+        off &= left
+        components: list[str] = []
+        fault = ""
+        if not np.isfinite(command).all():
+            texts["II"] = "No command is known to compare with."
+        elif not off.any():
+            texts["II"] = "All candidates agree with the command."
+        else:
+            components = self._match(off, left)
+            texts["II"] = f"Candidates {as_text(off[left])} miss the command: " + (
+                f"the signature of {_words(components)}."
+                if components
+                else "no signature of a single component."
+            )
+        if off.any():
+            found, consensus = self._consistent(twists, left)
+            if found is not None:
+                components = found
+            texts["III"] = self._text_of_third(found)
+            if components and consensus is not None:
+                fault, texts["IV"] = self._fourth(consensus, command, yaw)
+        return Judgement(twists, *singular, left, off, components, fault, texts)
+
+    def candidates(self, judged: Judgement) -> list[Candidate]:
+        """As a message."""
+        result = []
+        for label, twist, a, b, off in zip(
+            self.labels,
+            judged.twists.tolist(),
+            judged.at_contact.tolist(),
+            judged.coincident.tolist(),
+            judged.deviates.tolist(),
+            strict=True,
+        ):
+            known = twist[0] == twist[0]
+            vx, vy, omega = twist if known else (None, None, None)
+            result.append(
+                Candidate(
+                    name=label,
+                    vx=vx,
+                    vy=vy,
+                    omega=omega,
+                    singular="A" if a else "B" if b else "",
+                    deviates=off,
+                )
+            )
+        return result
+
+    @staticmethod
+    def signature(judged: Judgement) -> str:
+        """Of Step II, as the paper prints it."""
+        return as_text(judged.deviates[judged.left])
+
+    @staticmethod
+    def steps(judged: Judgement) -> list[PaperStep]:
+        """As messages."""
+        return [
+            PaperStep(
+                step=step,
+                text=text,
+                components=judged.components if step in ("III", "IV") else [],
+            )
+            for step, text in judged.texts.items()
+        ]
+
+    def _apart(self, a: Floats, b: Floats) -> Bools:
+        """Whether twists differ by more than a threshold in any component (eq. 10 and 12)."""
+        with np.errstate(invalid="ignore"):
+            apart: Bools = (np.abs(a - b) > self._tolerance).any(axis=-1)
+        return apart
+
+    def _match(self, off: Bools, left: Bools) -> list[str]:
+        """Components whose signature the candidates show."""
+        return [
+            path
+            for path, signature in self._suspects
+            if (signature & left).any() and (off == (signature & left)).all()
+        ]
+
+    def _consistent(self, twists: Floats, left: Bools) -> tuple[list[str] | None, Floats | None]:
+        """Step III: components without which all agree, while every candidate with them does not.
+
+        Of several, those that leave the largest set that agrees.
+        """
+        differs = self._apart(twists[:, None], twists[None, :])
+        best: list[str] = []
+        most, consensus = 1, None
+        for path, signature in self._suspects:
+            without, with_it = left & ~signature, left & signature
+            size = int(without.sum())
+            if size < max(2, most) or not with_it.any():
+                continue
+            if differs[np.ix_(without, without)].any():
+                continue
+            if not differs[np.ix_(with_it, without)].all():
+                continue
+            if size > most:
+                best = []
+            best.append(path)
+            most, consensus = size, twists[without].mean(axis=0)
+        if best:
+            return best, consensus
+        agree = left.any() and not differs[np.ix_(left, left)].any()
+        return (None, twists[left].mean(axis=0)) if agree else ([], None)
+
+    def _fourth(self, consensus: Floats, command: Floats, yaw: float) -> tuple[str, str]:
+        """Step IV: a sensor if gyro and consensus both match the command, else an actuator."""
+        if not np.isfinite(yaw):
+            return "", "No gyro to tell a sensor from an actuator."
+        follows = bool(not self._apart(consensus, command))
+        turns = abs(yaw - command[2]) <= self._tolerance[2]
+        if follows and turns:
+            return "sensor", "The others and the gyro match the command: its sensor is wrong."
+        return "actuator", "The robot does not move as commanded: it is not only a sensor."
+
+    def _text_of_first(self, at_contact: Bools, coincident: Bools) -> str:
+        said = [
+            f"{', '.join(np.array(self.labels)[which])} singular ({kind})"
+            for kind, which in (("A", at_contact), ("B", coincident))
+            if which.any()
+        ]
+        return f"Left out: {'; '.join(said)}." if said else "No candidate is singular."
+
+    @staticmethod
+    def _text_of_third(found: list[str] | None) -> str:
+        if found is None:
+            return "All candidates agree with each other, though not with the command."
+        if not found:
+            return "No single component explains which candidates agree."
+        if len(found) == 1:
+            return f"All candidates without {_words(found)} agree with each other."
+        return f"Candidates agree without {_words(found, ' or without ')}."
+
+
+def _words(components: list[str], between: str = " or ") -> str:
+    return between.join(component.in_words(each) for each in components)
