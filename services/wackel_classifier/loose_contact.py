@@ -5,9 +5,11 @@ Both follow from the first failure, the last and their number, so nothing is eve
 """
 
 import math
-from collections import Counter, deque
-from dataclasses import dataclass
+from collections import Counter, defaultdict, deque
+from dataclasses import dataclass, replace
 from enum import IntEnum
+from itertools import combinations
+from operator import itemgetter
 from typing import NamedTuple
 
 
@@ -127,28 +129,30 @@ class Verdict:
 
     Attributes:
         cause: A contact in a cable, one servo, or the whole bus.
-        position: Of the servo, or of the servo that the cable leads to; 0 for the bus.
-        confidence: Posterior probability with equal priors for causes and, among those, places.
-        others: Explanations whose probability is at least a tenth of the likeliest one's.
-        second: Position of the servo that a second bad cable leads to, if there are two.
+        places: Positions of the servos, or of those that the bad cables lead to; 0 for the bus.
+        confidence: Posterior probability of the cause at the first of these places.
+        others: Further explanations whose posterior probability is at least a tenth.
+        possible: Those of at least a hundredth.
     """
 
     cause: Cause
-    position: int
+    places: tuple[int, ...]
     confidence: float
     others: list[tuple[Cause, int]]
-    second: int | None = None
+    possible: list[tuple[Cause, int]]
 
-    @property
-    def places(self) -> tuple[int, ...]:
-        """The one position, or both."""
-        return (self.position,) if self.second is None else (self.position, self.second)
+    def with_doubts_of(self, earlier: "Verdict") -> "Verdict":
+        """The same with what was told before, named or not, and is not refuted."""
+        told = [(earlier.cause, place) for place in earlier.places] + earlier.others
+        kept = [key for key in self.possible if key in self.others or key in told]
+        return replace(self, others=kept)
 
 
 _MARKS = {
-    # QUIET, DAMAGED, SPARK, TORN. A contact that opens leaves silence, a spark or half a packet;
-    # what damages packets of one servo or of all does so in place.
-    Cause.CONTACT: (0.50, 0.05, 0.30, 0.15),
+    # QUIET, DAMAGED, SPARK, TORN. A contact is open for longer than an answer takes, so it mostly
+    # leaves silence, else half a packet or a spark; what damages packets of one servo or of all
+    # does so in place.
+    Cause.CONTACT: (0.75, 0.05, 0.10, 0.10),
     Cause.SERVO: (0.49, 0.49, 0.01, 0.01),
     Cause.BUS: (0.39, 0.59, 0.01, 0.01),
 }
@@ -157,14 +161,26 @@ _RUN = {Cause.CONTACT: 0.85, Cause.SERVO: 0.1, Cause.BUS: 0.25}
 servos behind it go on among themselves), but seldom where one answer is damaged on its way."""
 _FIRST_BEHIND = 0.6
 """How often it is the first servo behind an open contact that fails first. The rest: the contact
-opens when some behind it have already answered."""
-SECOND_ODDS = math.log(20 / 1e-3)
-"""By how much, as a logarithm of odds, a second bad cable must explain more: one of twenty may be
-it, and seem so once in a thousand times."""
-SECOND_EVENTS = 4
-"""Failures at its own place that a second bad cable needs."""
+opens when some behind it have already answered, which depends on how long it stays open beside how
+long the answers take. So this is only where the estimate from the events themselves begins."""
+_FIRST_WEIGHT = 4.0
+"""How many events that beginning is worth."""
+_FIRST_LEAST = 0.2
+"""A contact is open for milliseconds, the answers of a long chain take some of them."""
+_TWO_CONTACTS = 0.05
+"""How probable two bad cables are where there is one: seldom, but they share age and movement."""
+SECOND_EVENTS = 2
+"""Failures at its own place that each of two bad cables needs."""
+_MOST_PEAKS = 6
+"""Places with the most failures, among which two bad cables are looked for."""
+_WORTH_TELLING = 0.1
+"""Probability from which another explanation is told."""
+_REFUTED = 0.01
+"""Probability below which one that has been told is dropped."""
 _LEAST_ORDINARY = 0.003
 """Share of events that no explanation needs to provide for, at the least."""
+_ALWAYS_PASSING = 2
+"""So many events are no contact's even if most others are."""
 _INSTRUCTION = 2.0
 """Noise destroys the instruction of a sync read about twice as often as one answer, being twice
 as long; then the first servo asked is missing, and all others."""
@@ -174,83 +190,123 @@ def judge(events: Counter[Event], size: int, ordinary: float) -> Verdict | None:
     """The likeliest explanation of events in a chain; None without events.
 
     A naive Bayes classifier over cause and place. The likelihoods are those named above; they are
-    rough, but every event adds to the evidence, and there are at least several.
+    rough, but every event adds to the evidence, and there are at least several. Two bad cables are
+    one of the explanations: each has a peak of its own, and only the one nearer to the adapter
+    explains what fails between them.
 
     Args:
         events: With how often each occurred.
         size: Servos.
-        ordinary: Share of the events that ordinary loss explains, which hits all servos alike.
+        ordinary: Share of the events that ordinary loss explains at most; it hits all servos alike.
     """
     if not events:
         return None
-    ordinary = min(max(ordinary, _LEAST_ORDINARY), 0.9)
-    scores: dict[tuple[Cause, int], float] = {}
-    for position in range(size):
-        for cause in (Cause.CONTACT, Cause.SERVO):
-            scores[cause, position] = -math.log(size) + _score(
-                events, cause, position, size, ordinary
-            )
-    scores[Cause.BUS, 0] = _score(events, Cause.BUS, 0, size, ordinary)
-    (cause, position), best = max(scores.items(), key=lambda item: item[1])
+    ordinary = min(max(min(ordinary, _passing(events)), _LEAST_ORDINARY), 0.9)
+    tally = _Tally(events, size, ordinary)
+    each = -math.log(size)
+    scores: dict[tuple[Cause, tuple[int, ...]], float] = {(Cause.BUS, (0,)): tally.bus()}
+    for place in range(size):
+        scores[Cause.CONTACT, (place,)] = each + tally.contacts((place,))
+        if place in tally.failed:
+            scores[Cause.SERVO, (place,)] = each + tally.servo(place)
+    peaks = [place for place in range(size) if tally.at[place] >= SECOND_EVENTS]
+    peaks = sorted(sorted(peaks, key=lambda place: -tally.at[place])[:_MOST_PEAKS])
+    if len(peaks) > 1:
+        pair = math.log(_TWO_CONTACTS * 2 / (size * (size - 1)))
+        for both in combinations(peaks, 2):
+            scores[Cause.CONTACT, both] = pair + tally.contacts(both)
+    (cause, places), best = max(scores.items(), key=itemgetter(1))
     weights = {key: math.exp(score - best) for key, score in scores.items()}
-    others = [key for key, weight in weights.items() if weight >= 0.1 and key != (cause, position)]
-    others.sort(key=lambda key: -weights[key])
-    second = _second_contact(events, position, size, ordinary) if cause is Cause.CONTACT else None
-    return Verdict(cause, position, 1.0 / sum(weights.values()), others, second)
+    total = sum(weights.values())
+    single: defaultdict[tuple[Cause, int], float] = defaultdict(float)
+    for (why, where), weight in weights.items():
+        for place in where:
+            single[why, place] += weight / total
+    possible = [
+        key
+        for key, probability in sorted(single.items(), key=itemgetter(1), reverse=True)
+        if probability >= _REFUTED and not (key[0] is cause and key[1] in places)
+    ]
+    others = [key for key in possible if single[key] >= _WORTH_TELLING]
+    places = tuple(sorted(places, key=lambda place: -single[cause, place]))
+    return Verdict(cause, places, single[cause, places[0]], others, possible)
 
 
-def _second_contact(events: Counter[Event], one: int, size: int, ordinary: float) -> int | None:
-    """Another bad cable without which the events cannot be understood."""
-    alone = _score(events, Cause.CONTACT, one, size, ordinary)
-    best, place = alone + SECOND_ODDS, None
-    at = Counter[int]()
-    for event, count in events.items():
-        at[event.position] += count
-    for other in range(size):
-        if at[other] < SECOND_EVENTS or other == one:
-            continue
-        share = at[one] / (at[one] + at[other])
-        score = 0.0
+def _passing(events: Counter[Event]) -> float:
+    """Share of the events that are no contact's: too many of them let the next servo be heard."""
+    heard = sum(count for event, count in events.items() if event.run is False)
+    told = sum(count for event, count in events.items() if event.run is not None)
+    of_contacts = 1 - _RUN[Cause.CONTACT]
+    share = ((heard + 1) / (told + 2) - of_contacts) / (1 - _RUN[Cause.BUS] - of_contacts)
+    return max(share, _ALWAYS_PASSING / events.total())
+
+
+class _Tally:
+    """Events of one window, to be explained in several ways.
+
+    Attributes:
+        at: How many failed at each position, without those that were asked alone.
+        failed: Positions at which any failed.
+    """
+
+    def __init__(self, events: Counter[Event], size: int, ordinary: float) -> None:
+        self._size = size
+        self._ordinary = ordinary
+        self.at = [0] * size
+        self.failed = {event.position for event in events}
+        self._events: list[tuple[Event, int, float]] = []
         for event, count in events.items():
-            own = share * _likelihood(event, Cause.CONTACT, one, size)
-            own += (1 - share) * _likelihood(event, Cause.CONTACT, other, size)
-            background = _likelihood(event, Cause.BUS, 0, size)
-            score += count * math.log((1 - ordinary) * own + ordinary * background)
-        if score > best:
-            best, place = score, other
-    return place
+            background = _trace(event, Cause.BUS)
+            background *= (1 + _INSTRUCTION * event.first) / (size + _INSTRUCTION)
+            self._events.append((event, count, background))
+            if not event.alone:
+                self.at[event.position] += count
+
+    def bus(self) -> float:
+        """Logarithm of the likelihood that all servos fail alike."""
+        return sum(count * math.log(background) for _, count, background in self._events)
+
+    def servo(self, position: int) -> float:
+        """The same of one servo's fault."""
+        place = [float(other == position) for other in range(self._size)]
+        return self._score(Cause.SERVO, place, place)
+
+    def contacts(self, positions: tuple[int, ...]) -> float:
+        """The same of bad cables that lead to these positions, in ascending order."""
+        size, at = self._size, self.at
+        behind = size - positions[0]
+        group = sum(at[positions[0] :])
+        # A peak at each of them, the rest alike; ordinary servos share what is left.
+        own = _FIRST_WEIGHT * _FIRST_BEHIND / len(positions)
+        peaks = [(at[place] + own) / (group + _FIRST_WEIGHT) for place in positions]
+        scale = max(1.0, _FIRST_LEAST / sum(peaks))
+        peaks = [peak * scale for peak in peaks]
+        left = behind - len(positions)
+        if not left:
+            peaks = [peak / sum(peaks) for peak in peaks]
+        place = [0.0] * positions[0] + [(1 - sum(peaks)) / left if left else 0.0] * behind
+        alone = [0.0] * size
+        for position, peak in zip(positions, peaks, strict=True):
+            place[position] = peak
+            # Who is asked alone may be any of those behind.
+            share = peak / sum(peaks) / (size - position)
+            for other in range(position, size):
+                alone[other] += share
+        return self._score(Cause.CONTACT, place, alone)
+
+    def _score(self, cause: Cause, place: list[float], alone: list[float]) -> float:
+        score, ordinary = 0.0, self._ordinary
+        for event, count, background in self._events:
+            own = (alone if event.alone else place)[event.position]
+            if own:
+                own *= (1 - ordinary) * _trace(event, cause)
+            score += count * math.log(own + ordinary * background)
+        return score
 
 
-def _score(
-    events: Counter[Event], cause: Cause, position: int, size: int, ordinary: float
-) -> float:
-    score = 0.0
-    for event, count in events.items():
-        own = _likelihood(event, cause, position, size)
-        background = _likelihood(event, Cause.BUS, 0, size)
-        score += count * math.log((1 - ordinary) * own + ordinary * background)
-    return score
-
-
-def _likelihood(event: Event, cause: Cause, position: int, size: int) -> float:
-    likelihood = _place(event, cause, position, size) * _MARKS[cause][event.mark]
+def _trace(event: Event, cause: Cause) -> float:
+    """Probability of what a failure has left on the wire."""
+    likelihood = _MARKS[cause][event.mark]
     if event.run is not None:
         likelihood *= _RUN[cause] if event.run else 1 - _RUN[cause]
     return likelihood
-
-
-def _place(event: Event, cause: Cause, position: int, size: int) -> float:
-    """Probability that this servo is the one that fails first."""
-    failed = event.position
-    if cause is Cause.SERVO:
-        return float(failed == position)
-    if cause is Cause.BUS:
-        return (1 + _INSTRUCTION * event.first) / (size + _INSTRUCTION)
-    behind = size - position
-    if failed < position:
-        return 0.0
-    if event.alone:
-        return 1 / behind  # any of those behind
-    if failed == position:
-        return _FIRST_BEHIND if behind > 1 else 1.0
-    return (1 - _FIRST_BEHIND) / (behind - 1)

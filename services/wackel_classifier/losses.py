@@ -17,7 +17,8 @@ from wackel_node.config import ClassifierConfig
 from wackel_schemas import component
 
 COUNTED_IN_ROW = 2
-"""Failures in a row of one servo that count: more of them are the same disturbance, not more."""
+"""Failures in a row of one servo that count in its rate: more of them are the same disturbance. For
+cause and place only the first counts, since the others are asked because it failed."""
 SPARKS = 2
 """Transactions with bytes of nobody that are told, and that together with as many failures convict
 a contact at once: neither loss nor noise makes bytes, but one discharge may come from outside."""
@@ -31,9 +32,11 @@ LIKELY = 0.9
 """Probability that a verdict needs without a statistical test."""
 SURE = 0.95
 """Probability that another verdict needs to replace one that has been told."""
-RETURNS = 6
+RETURNS = 4
 """A disconnection is one lump of failures, a moving cable may make many in one movement: what was
-lost and was back so often is loose, however close together (each time counts at most twice)."""
+lost and was back so often is loose, however close together."""
+REJUDGE = 20
+"""One in so many events must be new for another verdict: fewer hardly change it."""
 MOST_EVENTS = 2000
 """Events kept; a window of 10 s in which every second answer of a fast bus fails has no more that
 tell anything new."""
@@ -85,7 +88,7 @@ class Losses:
         self._sparks = 0
         self._contact = False
         self._verdict: Verdict | None = None
-        self._judged = True
+        self._unjudged = 0  # events that came or went since the verdict
         self._code: str | None = None  # what failures of a servo or of the bus are called
         self._told = False  # whether the verdict has become a finding
         self._strays: deque[int] = deque(maxlen=SPARKS)
@@ -123,9 +126,9 @@ class Losses:
     def recovered(self, position: int, stamp: int, *, passing: bool) -> None:
         """A servo has answered after failures; ``passing`` unless these were a break."""
         pending = self._pending[position]
-        if passing:
-            for event in pending:
-                self._commit(event, stamp)
+        if passing and pending:
+            self._commit(pending[0], stamp)
+            self._failures[position] += len(pending) - 1
         pending.clear()
         self.waiting &= ~(1 << position)
 
@@ -193,7 +196,7 @@ class Losses:
         self._events.append((self._slot, stamp, event))
         self._counts[event] += 1
         self._sparks += event.mark is Mark.SPARK
-        self._judged = False
+        self._unjudged += 1
         if len(self._events) > MOST_EVENTS:
             self._drop()
 
@@ -203,7 +206,7 @@ class Losses:
         if not self._counts[event]:
             del self._counts[event]
         self._sparks -= event.mark is Mark.SPARK
-        self._judged = False
+        self._unjudged += 1
 
     def _add(self, successes: list[int], failures: list[int], sign: int) -> None:
         for position, (succeeded, failed) in enumerate(zip(successes, failures, strict=True)):
@@ -253,10 +256,10 @@ class Losses:
             self._contact = self._told = False
             self._code = None
             return []
-        if not self._judged:
+        if self._unjudged * REJUDGE > len(self._events):
             ordinary = self._ordinary * sum(self._window_successes) / max(1, len(self._events))
             self._verdict = self._settled(judge(self._counts, len(self._chain), ordinary))
-            self._judged = True
+            self._unjudged = 0
         verdict = self._verdict
         if verdict is None:
             return []
@@ -277,20 +280,19 @@ class Losses:
         old = self._verdict
         if old is None or verdict is None or not self._told:
             return verdict
-        if old.cause is verdict.cause and set(verdict.places) <= set(old.places):
-            return verdict if old.others and not verdict.others else old
-        more = set(verdict.places) > set(old.places)
+        verdict = verdict.with_doubts_of(old)
+        if old.cause is verdict.cause and set(verdict.places) == set(old.places):
+            return old if set(old.others) == set(verdict.others) else verdict
+        more = old.cause is verdict.cause and set(verdict.places) > set(old.places)
         return verdict if more or verdict.confidence >= SURE else old
 
     def _intermittent(self, verdict: Verdict) -> list[Finding]:
-        window, limits = self._windows[verdict.position], self._limits
-        spread = window.evenness
-        even = spread >= limits.evenness or self._returned(verdict.position) >= RETURNS
-        by_time = limits.rate_low <= window.rate <= limits.rate_high and even
+        by_time = any(self._comes_and_goes(place) for place in verdict.places)
         sparking = len(self._strays) >= SPARKS
         if not (by_time or self._contact or (sparking and verdict.confidence >= LIKELY)):
             return []
         self._contact = True
+        window = self._windows[verdict.places[0]]
         kind = "in bursts" if window.bursts else "scattered"
         events = len(self._events)
         seconds = self._samples / self._limits.sample_hz
@@ -300,15 +302,21 @@ class Losses:
         values: dict[str, float | int | str] = {
             "failures": events,
             "failure_rate": round(window.rate, 4),
-            "evenness": round(spread, 3),
+            "evenness": round(window.evenness, 3),
             "pattern": kind,
             "sparks": self._sparks,
         }
         suspects = self._named(verdict.others)
-        found = [self._loose(verdict.position, verdict.confidence, suspects, summary, values)]
-        if verdict.second is not None:
-            found.append(self._loose(verdict.second, verdict.confidence, [], summary, values))
-        return found
+        return [
+            self._loose(place, verdict.confidence, suspects, summary, values)
+            for place in verdict.places
+        ]
+
+    def _comes_and_goes(self, position: int) -> bool:
+        """The thesis's criterion: neither seldom nor nearly always, and not in one lump."""
+        window, limits = self._windows[position], self._limits
+        spread = window.evenness >= limits.evenness or self._returned(position) >= RETURNS
+        return spread and limits.rate_low <= window.rate <= limits.rate_high
 
     def _returned(self, position: int) -> int:
         """How often a servo has been missed and was back afterwards."""
@@ -335,7 +343,7 @@ class Losses:
         return Finding("loose_contact", place, confidence, self._since, summary, values, suspects)
 
     def _of_servo(self, verdict: Verdict) -> Finding | None:
-        position = verdict.position
+        position = verdict.places[0]
         failures, successes = self._window_failures[position], self._window_successes[position]
         code = self._name_of("crc_errors")
         if code is None:
