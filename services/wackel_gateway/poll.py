@@ -53,6 +53,7 @@ class Poller:
         self._exchange: Exchange | None = None
         self._unpublished: Outcome | None = None
         self._models: dict[int, int | None] = {}
+        self._alerts = False  # whether any servo has ever set an error byte
         self._cycle = 0
         self._cycle_begin_ns = self._cycle_end_ns = 0
         node.subscribe(keys.COMMAND, lambda _, command: self._command(command), bus=bus)
@@ -97,7 +98,10 @@ class Poller:
         outcome, self._unpublished = self._unpublished, None
         if outcome is not None:
             self._reporter.publish(outcome)
-            self._schedule.heard(outcome.answers)
+            # Before the first error byte there is none that could end.
+            self._alerts = self._alerts or outcome.answers.has_errors
+            if self._alerts:
+                self._schedule.heard(outcome.answers)
             if outcome.instruction in self._gyros and not outcome.answers.missing:
                 self._sense(outcome)
 
