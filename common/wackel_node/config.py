@@ -187,7 +187,7 @@ def load(path: Path) -> RobotConfig:
         text = path.read_text(encoding="utf-8")
     except FileNotFoundError as error:
         raise ConfigError(
-            f"{path}: no such file; `wackel scan` writes one to start from"
+            f"{path}: no such file; `wackel scan --write {path}` makes one to start from"
         ) from error
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: cannot be read: {error}") from error

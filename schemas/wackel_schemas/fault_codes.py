@@ -378,8 +378,9 @@ FAULT_CODES: dict[str, FaultCode] = {
         _CHAIN,
     ),
     "service_dead": FaultCode(
-        "{component} is gone without a word.",
-        "wackel up or systemd restarts it; if it keeps dying, look at its log.",
+        "{component} is dead: {reason}.",
+        "wackel up or systemd restarts it; if it keeps dying, look at its log (where wackel up "
+        "runs, or journalctl -u 'wackel-*').",
         "fault",
     ),
     "service_crashed": FaultCode(

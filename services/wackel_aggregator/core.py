@@ -36,7 +36,7 @@ _LEVEL: dict[str, Level] = {"info": "ok", "warning": "warning", "fault": "fault"
 _SERVICE_FAULTS = {"dead": "service_dead", "crashed": "service_crashed", "hung": "service_hung"}
 _CAPABILITIES = sorted({name for code in FAULT_CODES.values() for name in code.disables})
 # On a robot that does without this service nobody can tell.
-_JUDGES = {"can_localise": "odometry/main"}
+_JUDGES = {"can_localise": "odometry/main", "can_drive": "diagnoser/main"}
 
 
 class Aggregator:
@@ -46,16 +46,23 @@ class Aggregator:
     :meth:`tick` after it has handed in what there is, and a few times a second.
     """
 
-    def __init__(self, needed: Collection[str], saved: State | None, now: Instant) -> None:
+    def __init__(
+        self,
+        needed: Collection[str],
+        saved: State | None,
+        now: Instant,
+        wanted: Collection[str] = (),
+    ) -> None:
         """Starts with what an earlier run saved.
 
         Args:
             needed: Services (``gateway/main``) without which health is unknown.
             saved: What :meth:`unsaved` gave an earlier run; ``None`` to start empty.
             now: When.
+            wanted: Services that should run as well; without one, health is a warning.
         """
         self._log = TransitionLog(saved.transitions if saved is not None else ())
-        self._services = ServiceBook(needed, self._log, now)
+        self._services = ServiceBook(needed, self._log, now, wanted)
         self._faults = FaultMemory(self._log)
         self._own: set[tuple[str, str]] = set()  # code and component of own active faults
         self._started_ns = now.monotonic_ns
@@ -236,6 +243,8 @@ class Aggregator:
         waited_for = [s for s in self._services if s.name in needed and s.status != "ready"]
         for record in records:
             if record.status == "unknown":
+                if record.severity == "info":
+                    continue  # it would not count even if it did hold
                 found.append(
                     ("unknown", f"It is not known whether this still holds: {record.message}")
                 )

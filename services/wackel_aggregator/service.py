@@ -24,6 +24,11 @@ def needed_services(config: RobotConfig) -> list[str]:
     return [*gateways, *gyros, "classifier/main", *odometry] if gateways else []
 
 
+def wanted_services(config: RobotConfig) -> list[str]:
+    """The services that the configuration asks for and that tell nothing about the robot."""
+    return ["recorder/main"] if config.recorder.directory else []
+
+
 def state_directory(config: RobotConfig) -> Path:
     """Where the state file goes."""
     if config.state_directory:
@@ -43,7 +48,9 @@ def run(config: RobotConfig) -> None:
         Node("aggregator", "main", config) as node,
     ):
         clock = node.clock
-        core = Aggregator(needed_services(config), store.load(), clock.instant())
+        core = Aggregator(
+            needed_services(config), store.load(), clock.instant(), wanted_services(config)
+        )
         publisher = node.publisher(keys.HEALTH)
 
         def on_fault(key: str, report: FaultReport) -> None:

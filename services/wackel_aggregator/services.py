@@ -77,12 +77,20 @@ class ServiceBook:
         changed: Whether anything has changed since the owner last took it; the owner clears it.
     """
 
-    def __init__(self, needed: Collection[str], log: TransitionLog, now: Instant) -> None:
+    def __init__(
+        self,
+        needed: Collection[str],
+        log: TransitionLog,
+        now: Instant,
+        wanted: Collection[str] = (),
+    ) -> None:
         self.changed = True
         self._log = log
         self._needed = frozenset(needed)
+        self._expected = self._needed.union(wanted)
         self._services = {
-            name: Service(name, now.monotonic_ns, since_utc=now.utc_ns) for name in sorted(needed)
+            name: Service(name, now.monotonic_ns, since_utc=now.utc_ns)
+            for name in sorted(self._expected)
         }
 
     def __iter__(self) -> Iterator[Service]:
@@ -195,7 +203,8 @@ class ServiceBook:
         gone = [
             service
             for service in self._services.values()
-            if service.status in ("stopped", "dead", "crashed") and service.name not in self._needed
+            if service.status in ("stopped", "dead", "crashed")
+            and service.name not in self._expected
         ]
         if not gone:
             raise Rejected(f"there are {MAX_SERVICES} services already")

@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from wackel_node.errors import FAILED, OK
+from wackel_node.errors import FAILED, OK, Explained
 from wackel_schemas.keys import QUERIES, ROOT, TOPICS
 from wackel_schemas.message import Record
 
@@ -60,6 +60,10 @@ def _tidy(node: Any) -> Any:
             return node
 
 
+class NotWritable(Explained, OSError):
+    """Where the schemas should go, nothing can be written."""
+
+
 def main(argv: list[str]) -> int:
     """Runs the command; returns its exit code."""
     parser = argparse.ArgumentParser(
@@ -76,7 +80,10 @@ def main(argv: list[str]) -> int:
     arguments = parser.parse_args(argv)
     texts = schemas()
     if arguments.write is not None:
-        return _write(arguments.write, texts)
+        try:
+            return _write(arguments.write, texts)
+        except OSError as error:
+            raise NotWritable(f"{error.filename}: {error.strerror}") from error
     if arguments.check is not None:
         return _check(arguments.check, texts)
     if arguments.type is None:

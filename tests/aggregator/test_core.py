@@ -48,6 +48,7 @@ class Robot:
 
     saved: State | None = None
     start_s: float = 0.0
+    wanted: tuple[str, ...] = ()
     boots: dict[str, int] = field(default_factory=dict)
     states: dict[str, Life] = field(default_factory=dict)
     repeats: dict[str, list[FaultReport]] = field(default_factory=dict)
@@ -56,7 +57,7 @@ class Robot:
 
     def __post_init__(self) -> None:
         self.now_s = self.start_s
-        self.core = Aggregator(NEEDED, self.saved, self.now)
+        self.core = Aggregator(NEEDED, self.saved, self.now, self.wanted)
 
     @property
     def now(self) -> Instant:
@@ -292,7 +293,22 @@ def test_a_needed_service_that_never_comes_is_dead_after_the_start_up() -> None:
     robot.run(0.25)
     assert robot.service("gateway/main").status == "dead"
     assert robot.fault("service_dead").component == "service/gateway/main"
+    assert robot.fault("service_dead").message.endswith("is dead: not seen within 10 s.")
     assert robot.health.level == "unknown"
+
+
+def test_a_wanted_service_that_never_comes_is_a_warning() -> None:
+    robot = Robot(wanted=("recorder/main",))
+    robot.start_all()
+    robot.run(START_UP_S - 0.5)
+    assert robot.health.level == "ok"
+    robot.run(1)
+    assert robot.fault("service_dead").component == "service/recorder/main"
+    assert robot.health.level == "warning"
+    robot.start("recorder/main", 300)
+    robot.run(1.5)
+    assert robot.fault("service_dead").status == "healed"
+    assert robot.health.level == "ok"
 
 
 def test_a_killed_service_is_told_at_once_and_heals_when_it_is_back(robot: Robot) -> None:
@@ -439,6 +455,15 @@ def test_silence_makes_faults_unknown_and_heals_none(robot: Robot) -> None:
     assert "can_command" not in robot.health.capabilities
     robot.run(3600)
     assert robot.fault("servo_silent").status == "unknown"
+
+
+def test_whether_what_would_not_count_still_holds_need_not_be_known(robot: Robot) -> None:
+    robot.say(report("host_lag", "bus/main"))
+    robot.kill("classifier/main")
+    robot.start("classifier/main", 200)
+    robot.run(1.5)
+    assert robot.fault("host_lag").status == "unknown"
+    assert robot.health.level == "ok"
 
 
 def test_after_a_restart_a_fault_found_again_is_the_same_occurrence(robot: Robot) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from wackel_cli.schema import main, schemas
+from wackel_node.errors import Explained
 from wackel_schemas.keys import QUERIES, TOPICS
 
 COMMITTED = Path(__file__).parents[2] / "schemas" / "json"
@@ -42,6 +43,12 @@ def test_what_is_out_of_date_missing_or_too_much_is_named(
     assert main(["--write", str(tmp_path)]) == 0
     assert main(["--check", str(tmp_path)]) == 0
     assert main(["--check", str(tmp_path / "nowhere")]) == 1
+
+
+def test_where_nothing_can_be_written_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(Explained, match="file: "):
+        main(["--write", str(tmp_path / "file")])
 
 
 def test_one_type_is_printed_and_a_wrong_name_refused(capsys: pytest.CaptureFixture[str]) -> None:

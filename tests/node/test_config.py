@@ -78,7 +78,7 @@ def test_what_is_no_toml_is_told_in_one_line(text: str) -> None:
 
 
 def test_a_file_that_is_not_there_is_told_with_the_way_to_get_one(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="no such file; `wackel scan`"):
+    with pytest.raises(ConfigError, match="no such file; `wackel scan --write"):
         load(tmp_path / "robot.toml")
 
 
