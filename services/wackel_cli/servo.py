@@ -7,7 +7,7 @@ from typing import Literal
 import msgspec
 
 from wackel_node.arguments import add_config, config_of
-from wackel_node.config import RobotConfig
+from wackel_node.config import BusConfig, RobotConfig
 from wackel_node.errors import FAILED, OK, USAGE, Explained
 from wackel_node.link import Link, NotReached
 from wackel_schemas import keys
@@ -50,6 +50,8 @@ def main(argv: list[str]) -> int:
         raise _BadUsage(f"there is no bus {bus!r}; known are {', '.join(config.buses) or 'none'}")
     if arguments.operation == "factory-reset" and not arguments.yes:
         raise _BadUsage(f"this erases what servo {arguments.id} was set to; say so with --yes")
+    if getattr(arguments, "register", None) == "id" and arguments.operation == "write":
+        _check_id(arguments.id, arguments.value, config.buses[bus])
     request = BusRequest(
         operation=_OPERATIONS[arguments.operation],
         id=arguments.id,
@@ -68,6 +70,12 @@ def main(argv: list[str]) -> int:
     else:
         print(reply.text, file=sys.stdout if reply.ok else sys.stderr)
     return OK if reply.ok else FAILED
+
+
+def _check_id(servo: int, wanted: int, bus: BusConfig) -> None:
+    """Two servos of one id answer at once and can no longer be told apart, nor renamed."""
+    if wanted != servo and wanted in bus.ids():
+        raise _BadUsage(f"id {wanted} is taken: robot.toml lists another servo with it on this bus")
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -125,9 +125,12 @@ def _reached(config: RobotConfig) -> Link:
     while True:
         try:
             return Link(config)
-        except NotReached:
+        except NotReached as error:
             if time.monotonic() > limit:
-                raise
+                raise NotReached(
+                    f"no robot at {config.zenoh.endpoint}: `wackel up --play FILE` starts its "
+                    "services with the recording in the gateway's place"
+                ) from error
             time.sleep(_RETRY_S)
 
 

@@ -49,6 +49,7 @@ def test_who_is_not_there_is_told_and_gives_exit_code_1(
     [
         (["ping", "2", "--bus", "left"], "there is no bus 'left'; known are main"),
         (["factory-reset", "2"], "say so with --yes"),
+        (["write", "2", "id", "3"], "id 3 is taken"),
     ],
 )
 def test_what_makes_no_sense_is_refused_before_anything_is_sent(

@@ -220,3 +220,4 @@ def test_without_a_rendezvous_it_says_so(robot_config: RobotConfig, recording: P
         _, errors = process.communicate(timeout=20)
     assert process.returncode == 3
     assert errors.startswith("wackel play: no robot at tcp/")
+    assert "`wackel up --play FILE`" in errors  # plain `wackel up` would be in the way
