@@ -1,5 +1,6 @@
 """Keeps a set of subcommands running as processes, and leaves none behind."""
 
+import math
 import os
 import subprocess
 import sys
@@ -26,12 +27,14 @@ class Job:
         name: For people; a service's is ``<service>/<instance>``.
         arguments: Of ``wackel``.
         after: Names of jobs that have to be ready before the first start.
+        patience_s: After so long it starts even so.
         once: Whether it is over for good when it ends without an error.
     """
 
     name: str
     arguments: tuple[str, ...]
     after: tuple[str, ...] = ()
+    patience_s: float = math.inf
     once: bool = False
 
 
@@ -102,6 +105,7 @@ class Supervisor:
         """
         self._runs = [_Run(job) for job in jobs]
         self._ready: set[str] = set()
+        self._begun_s = time.monotonic()
         self._on_change = on_change
         self._output = sys.stderr if output is None else output
 
@@ -155,8 +159,12 @@ class Supervisor:
             self._on_change(change)
 
     def _due_s(self, run: _Run) -> float | None:
-        waits = run.process is None and self._ready.issuperset(run.job.after)
-        return run.due_s if waits else None
+        if run.process is not None or run.due_s is None:
+            return None
+        if self._ready.issuperset(run.job.after):
+            return run.due_s
+        limit_s = self._begun_s + run.job.patience_s
+        return None if math.isinf(limit_s) else max(run.due_s, limit_s)
 
     def _start(self, run: _Run) -> None:
         run.started_s = time.monotonic()

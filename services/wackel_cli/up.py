@@ -21,6 +21,7 @@ from wackel_recording.reader import open_recordings
 from wackel_schemas import keys
 from wackel_schemas.health import Health, Heartbeat
 
+_PATIENCE_S = 10.0  # what a computer that boots needs to start all services at once
 _TOKENS_S = 0.3  # what is alive at a rendezvous is told at once; this is a hundred times that
 
 
@@ -92,34 +93,44 @@ def robot_jobs(
         config: The robot's.
         path: Where that stands.
         virtual: With a virtual robot, which has to be ready before gateways look for its ports.
-        record: With a recorder, even if the configuration has none.
+        record: With a recorder, even if the configuration has none. Sensors then wait until all
+            listen, so that the recording holds everything that services conclude from.
         recording: Played in the place of gateways, once all others listen.
     """
 
     def job(name: str, command: str, *more: str, after: Iterable[str] = ()) -> Job:
         return Job(name, (command, "--config", str(path), *more), tuple(after))
 
+    recorders = [job("recorder/main", "record")] if record or config.recorder.directory else []
     readers = [
         job("classifier/main", "classifier"),
         *([job("odometry/main", "odometry")] if config.drive is not None else []),
         job("aggregator/main", "aggregator"),
-        *([job("recorder/main", "record")] if record or config.recorder.directory else []),
+        *recorders,
     ]
+    names = tuple(reader.name for reader in readers)
     if recording is not None:
-        names = [reader.name for reader in readers]
         player = job("playback/main", "play", str(recording), after=names)
         return [*readers, replace(player, once=True)]
-    first = ["virtual/main"] if virtual else []
-    return [
-        *(job(name, "virtual") for name in first),
-        *(job(f"gateway/{bus}", "gateway", "--bus", bus, after=first) for bus in config.buses),
+    sources = [
+        *(job(f"gateway/{bus}", "gateway", "--bus", bus) for bus in config.buses),
         *(
             job(f"imu/{name}", "imu", "--gyro", name)
             for name, gyro in config.gyros.items()
             if gyro.source == "iio"
         ),
-        *readers,
     ]
+    if virtual:
+        first = job("virtual/main", "virtual")
+        sources = [first, *(replace(each, after=(first.name,)) for each in sources)]
+    if recorders:
+        # What is recorded from the first message on can be concluded from again; but a robot moves
+        # even if a reader does not come up.
+        sources = [
+            each if each.after else replace(each, after=names, patience_s=_PATIENCE_S)
+            for each in sources
+        ]
+    return [*sources, *readers]
 
 
 @contextmanager

@@ -233,6 +233,22 @@ def test_garbage_on_every_topic_it_reads_is_counted_and_survived(
     assert [f.code for f in reader.health.faults] == ["messages_refused"]
 
 
+def test_more_signs_of_life_than_there_can_be_services_are_survived(
+    spawn: Spawn, reader: Reader, config: RobotConfig
+) -> None:
+    rejected: list[int] = []
+    process = spawn()
+    reader.link.subscribe(
+        keys.ALIVE, lambda _, beat: rejected.append(beat.rejected), service="aggregator"
+    )
+    wait_until(lambda: bool(rejected), 15.0, lambda: reader.link.pump(0.05))
+    root = f"wackel/{config.robot}/alive/stranger"
+    tokens = [reader.link.session.liveliness().declare_token(f"{root}/{n}") for n in range(80)]
+    wait_until(lambda: rejected[-1] >= 10, 15.0, lambda: reader.link.pump(0.05))
+    assert process.poll() is None
+    assert len(tokens) == 80
+
+
 def test_a_second_aggregator_says_so_and_leaves(spawn: Spawn, reader: Reader) -> None:
     first = spawn()
     reader.wait(lambda health: health.stamp > 0)

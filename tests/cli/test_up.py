@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import math
 import os
 import signal
 import subprocess
@@ -25,6 +26,7 @@ from wackel_cli.supervisor import (
 )
 from wackel_cli.up import robot_jobs
 from wackel_node.config import BusConfig, RecorderConfig, RobotConfig, dump
+from wackel_node.config_drive import GyroConfig
 from wackel_node.link import Link, session
 from wackel_schemas import keys
 
@@ -153,6 +155,35 @@ def test_what_comes_after_another_starts_when_that_is_ready() -> None:
         story.wait_for("finished")
         story.turn()
     assert [change.event for change in story.changes] == ["started", "finished"]
+
+
+@pytest.mark.process
+def test_what_waits_in_vain_starts_even_so() -> None:
+    late = Job("b", ("schema", "--help"), after=("a",), patience_s=0.3, once=True)
+    story = Story([late])
+    with story.supervisor:
+        story.turn()
+        assert story.changes == []
+        assert 0.0 < story.supervisor.wait_s() <= 0.3
+        story.wait_for("finished")
+
+
+def test_where_all_is_recorded_sensors_wait_until_everyone_listens() -> None:
+    config = RobotConfig(
+        buses={"main": BusConfig(port="p")},
+        gyros={"body": GyroConfig(source="iio", device="d")},
+    )
+    listening = ("classifier/main", "aggregator/main", "recorder/main")
+    waits = {job.name: job.after for job in robot_jobs(config, Path("r"), record=True)}
+    assert waits["gateway/main"] == waits["imu/body"] == listening
+    waits = {
+        job.name: job.after for job in robot_jobs(config, Path("r"), record=True, virtual=True)
+    }
+    assert waits["virtual/main"] == listening
+    assert waits["gateway/main"] == waits["imu/body"] == ("virtual/main",)
+    jobs = robot_jobs(config, Path("r"), record=True)
+    assert all(math.isfinite(job.patience_s) for job in jobs if job.after)  # control comes first
+    assert not any(job.after for job in robot_jobs(config, Path("r")))
 
 
 @pytest.mark.process
