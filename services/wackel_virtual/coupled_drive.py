@@ -1,8 +1,11 @@
 """The drive on the bus: servos turn its wheels, and show what these do. Time is an argument, in ns.
 
 The drive moves in steps on a grid; a servo that is read in between shows its shaft at the speed of
-the last step. Whatever happens on the bus happens to the drive: a servo without supply, or with
-torque disabled by an overload, lets its wheel roll or its steering stand.
+the last step. A step takes a computer longer than an answer takes on the wire, so who runs the bus
+in real time makes them in its pauses (:meth:`CoupledDrive.advance`).
+
+Whatever happens on the bus happens to the drive: a servo without supply, or with torque disabled by
+an overload, lets its wheel roll or its steering stand.
 """
 
 from collections.abc import Iterable, Mapping
@@ -62,7 +65,7 @@ class Shaft(Motion):
 
     def advance(self, at_ns: int) -> None:
         """Move on to this time."""
-        self._drive_train.advance(at_ns)
+        self._drive_train.catch_up(at_ns)
         self.velocity = self._rate
         passed_s = (at_ns - self._at) / 1e9
         self.position = self._angle + self._rate * passed_s - self._forgotten
@@ -181,6 +184,11 @@ class CoupledDrive:
         while self._now_ns + self._tick_ns <= until_ns:
             self._now_ns += self._tick_ns
             self._step()
+
+    def catch_up(self, until_ns: int) -> None:
+        """As :meth:`advance`, if it has been left behind by more than a step."""
+        if until_ns - self._now_ns >= 2 * self._tick_ns:
+            self.advance(until_ns)
 
     def samples(self) -> list[Sample]:
         """What gyros that are not on a bus have measured since the last call."""

@@ -27,6 +27,7 @@ from wackel_virtual.body import (
 )
 
 STEP_S = 0.002
+"""The longest; a step of the body is a whole number of them."""
 MASS_KG = 1.0
 """Of the robot, per wheel; motion does not depend on it, since all forces are by weight."""
 WHEEL_SHARE = 0.02
@@ -113,7 +114,9 @@ class MujocoBody:
         force[0], force[1] = cos * along - sin * left, sin * along + cos * left
         force[5] = moment
 
-        mujoco.mj_step(model, data, nstep=max(1, round(duration_s / STEP_S)))
+        steps = math.ceil(duration_s / STEP_S - 1e-9)
+        model.opt.timestep = duration_s / steps
+        mujoco.mj_step(model, data, nstep=steps)
 
         x, y, heading = data.qpos[:3].tolist()
         vx, vy, omega = data.qvel[:3].tolist()

@@ -29,6 +29,8 @@ T = TypeVar("T")
 _TCGETS2 = 0x802C542A
 """Linux: termios2, which unlike termios holds any baud rate as a number."""
 _TERMIOS2 = struct.Struct("4I B 19s 2I")
+PAUSE_NS = 1_000_000
+"""In a pause of the wire of so long the drive may move; a step takes some tenths of it."""
 _PR_SET_TIMERSLACK = 29
 _READ_BYTES = 65536
 
@@ -180,12 +182,10 @@ class Ports:
         lines = [(self._terminals[name], bus) for name, bus in self._buses.items()]
         taps = [(terminal, self._buses[name]) for name, terminal in self._taps.items()]
         while True:
-            due = [at for _, bus in lines if (at := bus.next_ns()) is not None]
-            if self._drive is not None:
-                due.append(self._drive.next_ns())
+            due_ns = self._due_ns(time.monotonic_ns() - origin_ns)
             wait_s = None
-            if due:
-                wait_s = max(0.0, (min(due) - (time.monotonic_ns() - origin_ns)) / 1e9)
+            if due_ns is not None:
+                wait_s = max(0.0, (due_ns - (time.monotonic_ns() - origin_ns)) / 1e9)
             watched = [terminal.master for terminal, _ in (*lines, *taps) if terminal.plugged]
             readable, _, _ = select.select([self._wake_out, *watched], [], [], wait_s)
             now_ns = time.monotonic_ns() - origin_ns
@@ -208,10 +208,31 @@ class Ports:
                 if heard:
                     terminal.write(b"".join(data for _, data in heard))
             if self._drive is not None:
-                self._drive.advance(now_ns)
-                for sample in self._drive.samples():
-                    if self._on_sample is not None:
-                        self._on_sample(sample, now_ns - sample.at_ns)
+                self._move(self._drive, now_ns)
+
+    def _due_ns(self, now_ns: int) -> int | None:
+        """When there is something to do without the host; None: never."""
+        wire_ns = self._wire_ns()
+        if self._drive is None or (wire_ns is not None and wire_ns < now_ns + PAUSE_NS):
+            return wire_ns
+        drive_ns = self._drive.next_ns()
+        return drive_ns if wire_ns is None else min(wire_ns, drive_ns)
+
+    def _wire_ns(self) -> int | None:
+        """When something will happen on a wire; None: not before a host sends."""
+        times = [at for bus in self._buses.values() if (at := bus.next_ns()) is not None]
+        return min(times, default=None)
+
+    def _move(self, drive: "CoupledDrive", now_ns: int) -> None:
+        """Let the drive move in a pause of the wires, or if it has been left behind."""
+        wire_ns = self._wire_ns()
+        if wire_ns is None or wire_ns >= now_ns + PAUSE_NS:
+            drive.advance(now_ns)
+        else:
+            drive.catch_up(now_ns)
+        for sample in drive.samples():
+            if self._on_sample is not None:
+                self._on_sample(sample, now_ns - sample.at_ns)
 
     def _run_calls(self, now_ns: int) -> bool:
         """Run what was submitted; False at the end."""

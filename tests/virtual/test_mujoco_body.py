@@ -8,9 +8,11 @@ import pytest
 
 from tests.odometry.simulation import differential_drive, steered_drive
 from tests.virtual.test_drive_simulation import driven, headings, mean_twist, rates, simulation
+from wackel_drive.layout import Layout
 from wackel_node.config import ConfigError
 from wackel_node.config_drive import DriveConfig, WheelConfig
 from wackel_schemas.virtual import Injection
+from wackel_virtual.body import FRICTION, WheelStates, World
 
 pytest.importorskip("mujoco")
 
@@ -81,6 +83,25 @@ def test_the_papers_robot_is_braked_on_the_side_of_its_blocked_wheel() -> None:
     shares = np.mean([rates(cycle) for cycle in cycles[200:]], axis=0) / before
     assert np.all((shares[:2] > 0.85) & (shares[:2] < 0.99))
     assert abs(shares[2]) < 0.01
+
+
+@pytest.mark.parametrize("duration_s", [0.001, 0.003, 0.005, 0.01])
+def test_steps_of_any_length_take_their_time(duration_s: float) -> None:
+    from wackel_virtual.mujoco_body import MujocoBody
+
+    layout = Layout(steered_drive(3))
+    ahead = layout.drive.steering(np.zeros(3))
+    body = MujocoBody(layout.drive, ahead)
+    yes, no = np.ones(3, dtype=np.bool_), np.zeros(3, dtype=np.bool_)
+    rolling = WheelStates(np.full(3, 6.0), yes, no, ahead)
+    world = World(np.full(3, FRICTION), np.zeros(3))
+    for _ in range(round(1.0 / duration_s)):
+        body.step(rolling, world, duration_s)
+    start = float(body.pose[0]), body.angle.copy()
+    for _ in range(round(1.0 / duration_s)):
+        body.step(rolling, world, duration_s)
+    assert body.pose[0] - start[0] == pytest.approx(0.3, rel=0.01)
+    assert body.angle - start[1] == pytest.approx(6.0, rel=0.01)
 
 
 def test_a_wheel_comes_free_again() -> None:
