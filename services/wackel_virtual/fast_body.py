@@ -60,12 +60,15 @@ class FastBody:
 
     def step(self, wheels: WheelStates, world: World, duration_s: float) -> None:
         """Move on."""
-        drive, slides = self._drive, self._drive.slide_count
+        drive, slides, rolls = self._drive, self._drive.slide_count, self._rolls
         rows = drive.rows(wheels.steering)
-        held = wheels.driven & ~wheels.blocked
-        driven, blocked = held[self._rolls], wheels.blocked[self._rolls]
+        # Shares of 1 and 0: what holds each wheel's rolling.
+        blocked: Floats = wheels.blocked[rolls].astype(np.float64)
+        driven: Floats = wheels.driven[rolls] * (1.0 - blocked)
+        held = driven + blocked
+        wanted = self._radius * wheels.rate[rolls]
         aim = np.zeros(len(rows))
-        aim[slides:] = np.where(driven, self._radius * wheels.rate[self._rolls], 0.0)
+        aim[slides:] = driven * wanted
         speed = math.hypot(self.twist[0], self.twist[1])
         rough = ROUGHNESS * speed * math.sqrt(0.01 / duration_s)
         uneven = rough * self._random.standard_normal(len(rows))
@@ -75,35 +78,29 @@ class FastBody:
 
         mass = self._inertia / duration_s
         before = self.twist
-        turning = before[2] * np.array([before[1], -before[0], 0.0])
-        moving = mass * before + self._inertia * turning + world.push
-        twist, rolled = before, aim[slides:]
+        vx, vy, omega = before.tolist()
+        moving = mass * before + self._inertia * (omega * vy, -omega * vx, 0.0) + world.push
+        twist = before
+        rolled: Floats = aim[slides:]
         for _ in range(ITERATIONS):
             seen = rows @ twist + uneven
-            slip = aim - seen
-            slip[slides:] = np.where(driven | blocked, rolled - seen[slides:], 0.0)
-            most = np.sqrt(self._contacts @ (slip * slip) + creep)
-            weight = (grip / most)[drive.row_wheels]
+            slip: Floats = aim - seen
+            slip[slides:] = held * (rolled - seen[slides:])
+            weight = (grip / np.sqrt(self._contacts @ (slip * slip) + creep))[drive.row_wheels]
             roll = weight[slides:]
-            weight[slides:] = np.where(
-                driven, roll * stiffness / (roll + stiffness), np.where(blocked, roll, 0.0)
-            )
+            roll *= driven * stiffness / (roll + stiffness) + blocked
             weighted = weight[:, None] * rows
             normal = rows.T @ weighted
             normal.flat[::4] += mass
             twist = np.linalg.solve(normal, moving + (aim - uneven) @ weighted)
-            seen = rows @ twist + uneven
-            pull = weight[slides:] * (aim[slides:] - seen[slides:])
-            rolled = np.where(
-                driven, aim[slides:] - pull / stiffness, np.where(blocked, 0.0, seen[slides:])
-            )
+            over_floor = (rows @ twist + uneven)[slides:]
+            pull = roll * (aim[slides:] - over_floor)
+            rolled = driven * (wanted - pull / stiffness) + (1.0 - held) * over_floor
         self._take(twist, rolled / self._radius, duration_s)
+        effort = driven * pull / (FRICTION * self._load)
         # What a jammed motor would need is more than it has.
-        wanted = np.where(blocked, self._radius * wheels.rate[self._rolls] / DROOP_M_S, 0.0)
-        effort = np.where(driven, pull / (FRICTION * self._load), wanted)
-        self.effort[self._rolls] = np.where(
-            wheels.driven[self._rolls], np.clip(effort, -MOST_EFFORT, MOST_EFFORT), 0.0
-        )
+        jammed = blocked * wheels.driven[rolls] * wanted / DROOP_M_S
+        self.effort[rolls] = np.clip(effort + jammed, -MOST_EFFORT, MOST_EFFORT)
 
     def _take(self, twist: Floats, rate: Floats, duration_s: float) -> None:
         """The new state, rolled evenly since the last."""

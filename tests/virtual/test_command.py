@@ -8,13 +8,19 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import msgspec
 import pytest
 import serial
 
 from tests.conftest import Rendezvous, wait_until
-from wackel_node.config import dump
+from tests.odometry.simulation import differential_drive
+from wackel_node.config import BusConfig, ServoConfig, dump
+from wackel_node.config_drive import GyroConfig
 from wackel_node.errors import FAILED, NOT_REACHED, OK, USAGE
+from wackel_node.link import Link
 from wackel_protocols.dynamixel2 import packet
+from wackel_schemas import keys
+from wackel_schemas.drive import ImuSample
 from wackel_virtual.__main__ import main
 from wackel_virtual.drive_faults import DRIVE_KINDS
 from wackel_virtual.faults import KINDS
@@ -137,3 +143,41 @@ def test_where_no_virtual_robot_runs_it_says_what_to_start(rendezvous, tmp_path)
     with pytest.raises(ConnectionError, match="start it with `wackel virtual`") as error:
         main(["list", "--config", str(file)])
     assert error.value.exit_code == NOT_REACHED
+
+
+@pytest.mark.process
+def test_a_robot_on_wheels_publishes_its_gyro_and_takes_faults_of_its_drive(
+    rendezvous: Rendezvous, tmp_path: Path, capsys
+):
+    bus = BusConfig(port=str(tmp_path / "bus"), servos=[ServoConfig(id=1), ServoConfig(id=2)])
+    config = msgspec.structs.replace(
+        rendezvous.config,
+        buses={"main": bus},
+        drive=differential_drive(),
+        gyros={"body": GyroConfig()},
+    )
+    (tmp_path / "robot.toml").write_text(dump(config))
+    scenario = tmp_path / "broken.toml"
+    scenario.write_text('robot = "robot.toml"\n[[faults]]\nkind = "gyro_offset"\nvalue = 0.5\n')
+    samples: list[ImuSample] = []
+    reach = ["--config", str(tmp_path / "robot.toml")]
+    with (
+        Link(config) as link,
+        command("--scenario", str(scenario), "--physics", "fast") as process,
+    ):
+        link.subscribe(keys.IMU, lambda _, sample: samples.append(sample), name="body")
+        wait_until(lambda: len(samples) > 100, meanwhile=lambda: link.pump(0.02))
+        assert samples[-1].angular_velocity[2] == pytest.approx(0.5, abs=0.05)
+        stamps = [sample.stamp for sample in samples]
+        assert stamps == sorted(stamps)
+        assert abs(link.clock.now_ns() - stamps[-1]) < 1_000_000_000
+        assert main(["list", *reach]) == OK
+        assert capsys.readouterr().out == "1 fault active\n  gyro_offset, value 0.5\n"
+        assert main(["inject", "wheel_blocked", "--wheel", "left", "--for", "60", *reach]) == OK
+        assert capsys.readouterr().out == "injected wheel_blocked at wheel left, for 60 s\n"
+        assert main(["inject", "wheel_blocked", "--wheel", "front", *reach]) == FAILED
+        assert "there are left, right" in capsys.readouterr().out
+        assert main(["heal", "--wheel", "left", *reach]) == OK
+        assert "healed wheel_blocked at wheel left" in capsys.readouterr().out
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(5) == OK
