@@ -80,7 +80,7 @@ class FastBody:
         before = self.twist
         vx, vy, omega = before.tolist()
         moving = mass * before + self._inertia * (omega * vy, -omega * vx, 0.0) + world.push
-        twist = before
+        twist: Floats = before
         rolled: Floats = aim[slides:]
         for _ in range(ITERATIONS):
             seen = rows @ twist + uneven
