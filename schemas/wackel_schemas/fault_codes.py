@@ -393,6 +393,11 @@ FAULT_CODES: dict[str, FaultCode] = {
         "Look at the load of the computer; restart the service.",
         "fault",
     ),
+    "recording_paused": FaultCode(
+        "{component} records nothing: {reason}.",
+        "Make room on its disk, or name another in recorder.directory; it goes on by itself.",
+        "warning",
+    ),
     "messages_lost": FaultCode(
         "{component} misses messages: the computer or the network is overloaded.",
         "Take load off the computer, or lower the rate of the buses.",

@@ -2,13 +2,18 @@
 
 from collections.abc import Callable, Sequence
 
+from wackel_node.absence import Absence
 from wackel_node.clock import Clock
 from wackel_node.listen import header_of, listen
 from wackel_node.log import logger
 from wackel_node.node import Node
 from wackel_recording.writer import FLUSH_S, RecordingWriter
+from wackel_schemas import component
+from wackel_schemas.fault import FaultReport
+from wackel_schemas.keys import FAULT
 
 RETRY_S = 5.0  # a disk that was full is not tried more often than a person could make room
+_REPEAT_S = 1.0
 
 
 class Recorder:
@@ -36,11 +41,13 @@ class Recorder:
         self.others = False
         self._node = node
         self._clock = Clock()  # its own: a wall clock that is set leaves no gap in a recording
-        self._failing = False
+        self._faults = node.publisher(FAULT, source="recorder")
+        self._disk = Absence("recording_paused", component.service(node.name), "the disk")
         self._ticks = 0
         self._progress = progress
         listen(node, patterns, self._take)
         node.every(FLUSH_S, self._tick)
+        node.every(_REPEAT_S, lambda: self._tell(self._disk.again(node.clock.now_ns())))
 
     def close(self) -> None:
         """Takes what has arrived, and ends the file with its index."""
@@ -54,18 +61,18 @@ class Recorder:
         if header is not None:
             self._node.notice_gap(key, header)
             self.others = self.others or header.boot != self._node.boot
-        if self._failing or not self._guarded(
+        if self._disk.active or not self._guarded(
             lambda: self.writer.add(key, arrived_ns, payload, header)
         ):
             self.dropped += 1
 
     def _tick(self) -> None:
         self._ticks += 1
-        if not self._failing:
+        if not self._disk.active:
             self._guarded(self.writer.flush)
         elif self._ticks % round(RETRY_S / FLUSH_S) == 0 and self._guarded(self.writer.open):
-            self._failing = False
             logger.warning("recording again into %s", self.writer.path)
+            self._tell(self._disk.back(self._node.clock.now_ns()))
         self._progress(self)
 
     def _guarded(self, act: Callable[[], object]) -> bool:
@@ -73,13 +80,15 @@ class Recorder:
         try:
             act()
         except OSError as error:
-            if not self._failing:
-                logger.error(
-                    "recording pauses, next attempt in %g s: %s",
-                    RETRY_S,
-                    f"{self.writer.path}: {error.strerror}" if error.strerror else error,
-                )
-            self._failing = True
+            where = error.filename or self.writer.path
+            reason = f"{where}: {error.strerror}" if error.strerror else str(error)
+            if not self._disk.active:
+                logger.error("recording pauses, next attempt in %g s: %s", RETRY_S, reason)
+            self._tell(self._disk.lost(reason, self._node.clock.now_ns()))
             self.writer.abandon()
             return False
         return True
+
+    def _tell(self, report: FaultReport | None) -> None:
+        if report is not None:
+            self._faults.put(report)

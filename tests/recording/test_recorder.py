@@ -18,8 +18,9 @@ from wackel_recorder.__main__ import main
 from wackel_recording.reader import Entry, Recording, open_recordings
 from wackel_schemas import wire
 from wackel_schemas.bus import BusState
+from wackel_schemas.fault import FaultReport
 from wackel_schemas.health import Health
-from wackel_schemas.keys import HEALTH, STATE
+from wackel_schemas.keys import FAULT, HEALTH, STATE
 from wackel_schemas.message import Message
 
 STATE_KEY = "bus/main/state"
@@ -203,6 +204,8 @@ def test_a_disk_that_takes_no_more_is_told_and_the_service_lives_on(
         recorder(rendezvous.config, directory) as process,
     ):
         publish = Publishing(link)
+        told: list[FaultReport] = []
+        link.subscribe(FAULT, lambda _, report: told.append(report))
         wait_until(lambda: bool(numbers(directory)), meanwhile=publish)
         largest = path_sizes(directory) + 4096  # no file may grow beyond
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (largest, resource.RLIM_INFINITY))
@@ -210,10 +213,14 @@ def test_a_disk_that_takes_no_more_is_told_and_the_service_lives_on(
             lambda: "recording pauses, next attempt in 5 s" in log_of(directory), meanwhile=publish
         )
         assert "File too large" in log_of(directory)
+        wait_until(lambda: bool(told), meanwhile=publish)
+        assert (told[0].code, told[0].status) == ("recording_paused", "active")
+        assert "File too large" in told[0].message
         unlimited = (resource.RLIM_INFINITY, resource.RLIM_INFINITY)
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, unlimited)
         before = numbers(directory)
         wait_until(lambda: len(numbers(directory)) > len(before), limit_s=20, meanwhile=publish)
+        wait_until(lambda: told[-1].status == "healed", meanwhile=publish)
         process.terminate()
         assert process.wait(10) == 0
     assert numbers(directory)[: len(before)] == before
