@@ -92,7 +92,8 @@ class FastBody:
             weighted = weight[:, None] * rows
             normal = rows.T @ weighted
             normal.flat[::4] += mass
-            twist = np.linalg.solve(normal, moving + (aim - uneven) @ weighted)
+            right = moving + (aim - uneven) @ weighted
+            twist = np.asarray(np.linalg.solve(normal, right), dtype=np.float64)
             over_floor = (rows @ twist + uneven)[slides:]
             pull = roll * (aim[slides:] - over_floor)
             rolled = driven * (wanted - pull / stiffness) + (1.0 - held) * over_floor
