@@ -127,6 +127,12 @@ class ServoStatistics(Record, kw_only=True):
         bad_crc: Answers recognisably its own that came damaged.
         alerts: Answers with the alert bit.
         errors: Answers with an error number.
+        response_p50: Median of its latest 256 response times, s: asked alone, from the last byte
+            of the instruction until the answer, less the time of the answer's bytes on the wire.
+            Absent until it has been asked alone.
+        response_p95: 95th percentile of these.
+        response_p99: 99th percentile.
+        response_outliers: Response times that departed from what was usual for it.
     """
 
     id: int
@@ -135,6 +141,10 @@ class ServoStatistics(Record, kw_only=True):
     bad_crc: int = 0
     alerts: int = 0
     errors: int = 0
+    response_p50: float | None = None
+    response_p95: float | None = None
+    response_p99: float | None = None
+    response_outliers: int = 0
 
 
 class BusStatistics(Message, kw_only=True):

@@ -32,8 +32,9 @@ steps of the sensor (0.0015 rad)."""
 class _Servo:
     """Attributes: ``values`` measured bytes, unchanged since ``constant_ns`` (stamp ``since``);
     ``goals`` new goals since then, between ``low`` and ``high``; ``followed`` new goals that were
-    followed by new values; ``goal`` the latest; ``readings`` of these values, the last at
-    ``seen_ns``; ``travel`` rad that the velocity amounts to.
+    followed by new values, ``before`` those before it was out of reach; ``goal`` the latest;
+    ``readings`` of these values, the last at ``seen_ns``; ``travel`` rad that the velocity amounts
+    to.
     """
 
     values: bytes = b""
@@ -44,6 +45,7 @@ class _Servo:
     low: float = 0.0
     high: float = 0.0
     followed: int = 0
+    before: int = 0
     seen_ns: int = 0
     readings: int = 0
     travel: float = 0.0
@@ -93,15 +95,18 @@ class Frozen:
         return known
 
     def gone(self, position: int) -> None:
-        """A servo is out of reach, or has reported an error: it may come back without torque."""
-        self._servos[position] = _Servo()
+        """A servo is out of reach; it may come back without torque."""
+        servo = self._servos[position]
+        self._servos[position] = _Servo(before=max(servo.before, servo.followed))
 
     def torque(self, position: int, enabled: bool) -> None:
         """Torque Enable was read or written."""
         servo = self._servos[position]
         servo.torque_off = not enabled
-        if not enabled:
-            servo.followed = servo.goals = 0
+        if enabled:
+            servo.followed = max(servo.followed, servo.before)
+        else:
+            servo.followed = servo.goals = servo.before = 0
 
     def findings(self, alerts: Alerts) -> list[Finding]:
         """Servos whose values cannot be true; one that reports an error may have let go."""

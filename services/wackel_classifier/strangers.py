@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from wackel_classifier.chain import Chain
 from wackel_classifier.findings import Finding
+from wackel_protocols.dynamixel2.packet import MAX_ID
 from wackel_schemas import component
 
 TIMES = 3
@@ -37,6 +38,8 @@ class Strangers:
 
     def servo(self, servo_id: int, now_ns: int, stamp: int) -> None:
         """An answer of an id that is not configured, or a second answer to one request."""
+        if servo_id > MAX_ID:
+            return  # a fast answer that came late: it carries the broadcast id
         seen = self._servos.setdefault(servo_id, _Seen(0, now_ns, stamp))
         _again(seen, now_ns, stamp)
 

@@ -25,8 +25,10 @@ made, so this is one false alarm in ten thousand hours."""
 LATE_SHARE = 0.001
 LATE_SHARE_START = 0.01
 LATE_MEMORY = 100
+LATE_MEMORY_START = 10
 """A busy host makes any answer late now and then without noticing it, once in a thousand requests
-where it is quiet. The share is followed over so many requests, from a cautious start."""
+where it is quiet. The share is followed over so many requests, from a cautious start that soon
+gives way."""
 LATE_ANSWER_NS = 150_000_000
 """Late answers within this time count once: a master that does not wait long enough makes many."""
 LEAST_LATE_NS = 60_000
@@ -36,6 +38,16 @@ SCATTER = 8.0
 SLOWEST_NS = 1_200_000
 """No servo at work needs longer: Return Delay Time at most 508 µs, processing and USB frame some
 600 µs more (thesis, 2.7: 672 µs with a delay of 500 µs; 1000 µs with a latency timer of 1 ms)."""
+DRIFT_NS = 30_000
+"""A slow change that is told: half of what is late at once. Page's test (CUSUM) for a shift by this
+adds up what exceeds half of it."""
+DRIFT_BASELINE = 64
+"""Answers of a servo that tell how it differs from its peers when it is sound."""
+DRIFT_PEERS = 9
+"""The latest answers on time of all servos, whose median a servo is compared with: the host's own
+changes befall all of them alike."""
+DRIFT_SCATTER_NS = 5_000
+"""At least; firmware loops (thesis, figure 2.7)."""
 LATENCY_SAMPLES = 12
 LATENCY_SERVOS = 3
 """One slow servo is not the adapter: of the latest answers, so many servos (all, if there are
@@ -43,17 +55,19 @@ fewer) and most of those asked must have been later than any servo needs."""
 LATENCY_LATE = 0.7
 """Share of answers that a latency timer of 4 ms makes that late; a longer one more of them."""
 SOUND_LATE = 0.05
+SOUND_LATE_MOST = 0.6
 SOUND_MEMORY = 1000
-"""The same for a sound adapter and a busy host, at least; followed over so many answers."""
+"""The same for a sound adapter and a busy host: at least, at most, and the answers over which it is
+followed. A host that is late more often than that is named itself."""
 LATENCY_CERTAIN = -log(1e-9)
-SOUND_CERTAIN = -log(1e-4)
+SOUND_CERTAIN = -log(1e-6)
 """How improbable by chance the evidence must be (Wald's sequential test of the two shares, begun
 anew wherever it falls below zero): as for a servo; a verdict is taken back more easily."""
 HOST_BUSY_NS = 1_000_000_000
-HOST_BUSY_SHARE = 0.1
-HOST_BUSY_TIMES = 5
+HOST_BUSY_SHARE = 0.02
+HOST_BUSY_TIMES = 20
 """For each time (up to so many) that the host overslept lately, so many more of the answers may
-be its own doing."""
+be its own doing: some fifty reads a second tell whether it does."""
 HOST_LATE_NS = 5_000_000
 """Oversleeping that costs a whole cycle at 200 Hz."""
 HOST_LATE_TIMES = 3
@@ -62,6 +76,37 @@ HOST_SPOILS_NS = 200_000
 """Response times measured by a host that was late by so much say nothing about the servo."""
 REGISTER_UNIT_NS = 2_000
 """Of Return Delay Time (e-manual)."""
+
+
+@dataclass(slots=True)
+class _Drift:
+    """How a servo's answers move against its peers'.
+
+    Attributes: ``usual_ns`` mean difference of the first ``samples``; ``excess_ns`` the test's sum,
+    above zero since ``since``; ``moved_ns`` sum and ``count`` of the differences since then.
+    """
+
+    usual_ns: float = 0.0
+    samples: int = 0
+    excess_ns: float = 0.0
+    since: int = 0
+    moved_ns: float = 0.0
+    count: int = 0
+
+    def add(self, difference_ns: float, limit_ns: float, stamp: int) -> None:
+        """Takes in a difference from the peers."""
+        if self.samples < DRIFT_BASELINE:
+            self.samples += 1
+            self.usual_ns += (difference_ns - self.usual_ns) / self.samples
+            return
+        moved_ns = max(-LEAST_LATE_NS, min(difference_ns - self.usual_ns, LEAST_LATE_NS))
+        if not self.excess_ns:
+            self.since, self.moved_ns, self.count = stamp, 0.0, 0
+        self.moved_ns += moved_ns
+        self.count += 1
+        # What exceeds the limit is not saved up: a repair shall show.
+        excess_ns = min(self.excess_ns + moved_ns - DRIFT_NS / 2, limit_ns + LEAST_LATE_NS)
+        self.excess_ns = max(0.0, excess_ns)
 
 
 @dataclass(slots=True)
@@ -80,6 +125,7 @@ class _Servo:
     register_since: int = 0
     after_time_out: int = 0
     after_time_out_ns: int = -LATE_ANSWER_NS
+    drift: _Drift = field(default_factory=_Drift)
 
     def own(self, delay: int) -> int:
         """A delay without the part that the servo was told to wait."""
@@ -100,8 +146,10 @@ class Timing:
         self._usual_ns = 0.0
         self._scatter_ns = 0.0
         self._late_share = LATE_SHARE_START
+        self._late_memory = LATE_MEMORY_START
         self._late_in_row = _row(LATE_SHARE_START)
         self._latest: tuple[int, bool] = (-1, False)  # position, whether it was late
+        self._peers: deque[int] = deque(maxlen=DRIFT_PEERS)
         self._other_late = False  # whether the latest answer of another servo than that was late
         self._adapter = _Adapter(len(chain))
         self._latency_since = 0
@@ -133,10 +181,15 @@ class Timing:
             return  # what is measured through such an adapter tells nothing about single servos
         servo = self._servos[position]
         servo.delays.append(delay)
-        late = bool(self._usual_ns) and servo.own(delay) > self._usual_ns + self._margin()
+        own = servo.own(delay)
+        late = bool(self._usual_ns) and own > self._usual_ns + self._margin()
         self._judge(position, late, stamp)
+        if not late and self._usual_ns:
+            self._peers.append(own)
+            servo.drift.add(own - median(self._peers), self._drift_limit_ns(), stamp)
         if servo.late < LATE_IN_ROW:  # what is slow by itself says nothing of the host
-            self._late_share += (late - self._late_share) / LATE_MEMORY
+            self._late_share += (late - self._late_share) / self._late_memory
+            self._late_memory = min(self._late_memory + 1, LATE_MEMORY)
 
     def _judge(self, position: int, late: bool, stamp: int) -> None:
         latest, was_late = self._latest
@@ -172,6 +225,7 @@ class Timing:
             # What was measured with another delay tells nothing about this one.
             servo.clear()
             servo.delays.clear()
+            servo.drift = _Drift()
 
     def host_lag(self, lag_ns: int, now_ns: int, stamp: int) -> None:
         """The host was late by so much, at least :data:`HOST_SPOILS_NS`."""
@@ -208,16 +262,34 @@ class Timing:
         latency = self._latency(stamp)
         if latency is not None:
             return [*findings, latency]
-        slow = [place for place, servo in enumerate(self._servos) if servo.late]
-        if 2 * len(slow) > max(2, len(self._chain)):
-            return findings  # whatever it is, most of them share it
         explained = {finding.component for finding in wrong}
-        return findings + [
-            self._slow(place)
-            for place in slow
-            if self._servos[place].late >= self._late_in_row
-            and self._chain.servo(place) not in explained
-        ]
+        slow = [place for place, servo in enumerate(self._servos) if servo.late]
+        if not self._most(slow):
+            findings += [
+                self._slow(place)
+                for place in slow
+                if self._servos[place].late >= self._late_in_row
+                and self._chain.servo(place) not in explained
+            ]
+        limit_ns = self._drift_limit_ns()
+        drifting = [p for p, servo in enumerate(self._servos) if servo.drift.excess_ns >= limit_ns]
+        if not self._most(drifting):
+            explained.update(finding.component for finding in findings)
+            findings += [
+                self._drifting(place)
+                for place in drifting
+                if self._chain.servo(place) not in explained
+            ]
+        return findings
+
+    def _most(self, places: list[int]) -> bool:
+        """Whether most of the servos are concerned: then it is none of them."""
+        return 2 * len(places) > max(2, len(self._chain))
+
+    def _drift_limit_ns(self) -> float:
+        """Where chance alone gets once in 1 / :data:`BY_CHANCE` answers (Wald's approximation)."""
+        deviation_ns = max(DRIFT_SCATTER_NS, 1.5 * self._scatter_ns)  # of a normal distribution
+        return -log(BY_CHANCE) * deviation_ns**2 / DRIFT_NS
 
     def _margin(self) -> float:
         return max(LEAST_LATE_NS, SCATTER * self._scatter_ns)
@@ -246,6 +318,19 @@ class Timing:
             values["return_delay_register"] = servo.register
         return Finding(
             "slow_servo", self._chain.servo(position), 0.9, servo.late_since, summary, values
+        )
+
+    def _drifting(self, position: int) -> Finding:
+        drift = self._servos[position].drift
+        moved_us = drift.moved_ns / max(drift.count, 1) / 1e3
+        return Finding(
+            "slow_servo",
+            self._chain.servo(position),
+            0.8,
+            drift.since,
+            f"its answers have drifted: {drift.count} of them came {moved_us:.0f} µs later than its"
+            " first ones, against its peers",
+            {"drift_us": round(moved_us, 1), "answers": drift.count},
         )
 
     def _wrong_registers(self) -> list[Finding]:
@@ -332,7 +417,7 @@ class _Adapter:
         """An answer; ``host_share`` of them may be late because the host was late just now."""
         self._recent.append((position, delay))
         late = delay > SLOWEST_NS
-        sound = min(max(SOUND_LATE, self._late_share) + host_share, LATENCY_LATE - 0.1)
+        sound = min(max(SOUND_LATE, self._late_share) + host_share, SOUND_LATE_MOST)
         if not self.holds:
             self._late_share += (late - self._late_share) / SOUND_MEMORY
         odds = log(LATENCY_LATE / sound) if late else log((1.0 - LATENCY_LATE) / (1.0 - sound))

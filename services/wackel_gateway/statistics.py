@@ -1,13 +1,39 @@
 """Counters of a bus: pure; fed with outcomes, read once a second. Every byte is in one of them."""
 
+from collections import deque
 from collections.abc import Iterable
 from statistics import median
 
 from wackel_gateway.outcome import Outcome
 from wackel_gateway.patience import BITS_PER_BYTE
+from wackel_gateway.usual import Usual
 from wackel_protocols.dynamixel2.packet import ALERT
 from wackel_protocols.dynamixel2.scanner import Kind, Segment
 from wackel_schemas.bus import BusStatistics, ServoStatistics
+
+_RESPONSES = 256
+"""Response times of a servo that its percentiles are of: a minute of slow reads."""
+
+
+class _Responses:
+    """When one servo answers if it is asked alone: only that measures the servo itself."""
+
+    def __init__(self) -> None:
+        self._latest_ns: deque[int] = deque(maxlen=_RESPONSES)
+        self._usual = Usual()
+
+    def add(self, beyond_wire_ns: int) -> None:
+        self._latest_ns.append(beyond_wire_ns)
+        self._usual.departs(beyond_wire_ns)
+
+    def tell(self, servo: ServoStatistics) -> None:
+        """Fills in its statistics."""
+        ordered = sorted(self._latest_ns)
+        last = len(ordered) - 1
+        servo.response_p50, servo.response_p95, servo.response_p99 = (
+            ordered[round(share * last)] / 1e9 for share in (0.5, 0.95, 0.99)
+        )
+        servo.response_outliers = self._usual.outliers
 
 
 class Counters:
@@ -23,6 +49,7 @@ class Counters:
         self._servos = {servo.id: servo for servo in totals.servos}
         # Transactions without any fault by the servos asked: counted in one go, once a period.
         self._clean: dict[tuple[int, ...], int] = {}
+        self._responses: dict[int, _Responses] = {}
         self._since_ns = now_ns
         self._cycles = 0
         self._cycle_times_ns: list[int] = []
@@ -41,6 +68,8 @@ class Counters:
         if answers.segments is None:
             totals.packet_bytes += received
             self._clean[ids] = self._clean.get(ids, 0) + 1
+            if len(ids) == 1:
+                self._responded(ids[0], outcome)
         else:
             totals.incomplete += bool(answers.missing)
             data = b"".join(data for _, data in outcome.chunks)
@@ -53,6 +82,13 @@ class Counters:
             if error and servo_id in self._servos:
                 self._servos[servo_id].alerts += error >= ALERT
                 self._servos[servo_id].errors += bool(error & ~ALERT)
+
+    def _responded(self, servo_id: int, outcome: Outcome) -> None:
+        if servo_id not in self._servos or not outcome.chunks:
+            return
+        wire_ns = outcome.received_bytes * BITS_PER_BYTE * 1_000_000_000 // outcome.baud_rate
+        took_ns = outcome.chunks[-1][0] - outcome.sent_ns
+        self._responses.setdefault(servo_id, _Responses()).add(took_ns - wire_ns)
 
     def cycle(self, took_ns: int) -> None:
         """A cycle's reads took so long."""
@@ -70,6 +106,8 @@ class Counters:
             self._owed(ids, times)
             self._received(ids, times)
         self._clean.clear()
+        for servo_id, responses in self._responses.items():
+            responses.tell(self._servos[servo_id])
         totals = self.totals
         elapsed_s = max(now_ns - self._since_ns, 1) / 1e9
         times_ns = self._cycle_times_ns

@@ -10,6 +10,7 @@ from wackel_node.config import ClassifierConfig
 from wackel_protocols.dynamixel2 import packet
 from wackel_protocols.dynamixel2.packet import StatusPacket
 from wackel_schemas.bus import Chunk, ResponseTime, Transaction
+from wackel_virtual.bus import VirtualBus
 
 START = 1_700_000_000_000_000_000
 PERIOD = 10_000_000
@@ -82,6 +83,16 @@ def test_an_id_that_is_not_configured_is_unexpected() -> None:
     repeat(5, bus.read_all)
     data = b"".join(map(answer, bus.ids)) + answer(99)
     assert ("unexpected_servo", "bus/main/servo/99") in repeat(5, lambda: bus.read_all(data))
+
+
+def test_a_fast_answer_that_comes_late_is_no_servo_with_the_broadcast_id() -> None:
+    bus = Bus(3)
+    instruction = packet.fast_sync_read(bus.ids, 132, 4)
+    late = b"".join(data for _, data in VirtualBus(chain(3)).exchange(0, instruction, 9_000_000))
+    assert late[4] == packet.BROADCAST_ID
+    for _ in range(10):
+        bus.read_all()
+        assert bus.take(b"", [], late) == []
 
 
 def test_two_answers_of_one_id_to_one_request_are_a_doubled_id() -> None:

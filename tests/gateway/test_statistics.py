@@ -67,6 +67,21 @@ def test_rates_are_of_the_last_period() -> None:
     assert totals.transactions == 100
 
 
+def test_response_times_are_of_servos_that_are_asked_alone() -> None:
+    counts = counters()
+    for took_us in [500] * 95 + [900] * 5:
+        alone = outcome(answer(2), packet.read(2, 132, 4))
+        alone.chunks = [((took_us + 150) * 1000, answer(2))]  # 15 bytes at 1 Mbit/s
+        counts.count(alone)
+        counts.count(outcome(answer(1) + answer(2)))
+    first, second = counts.period(0, S).servos
+    assert (first.response_p50, first.response_p95, first.response_outliers) == (None, None, 0)
+    assert second.response_p50 == pytest.approx(500e-6)
+    assert second.response_p95 == pytest.approx(500e-6)
+    assert second.response_p99 == pytest.approx(900e-6)
+    assert second.response_outliers == 5
+
+
 def test_refusals_are_counted_by_reason() -> None:
     counts = counters()
     for reason in ("a", "b", "a"):

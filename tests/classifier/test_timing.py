@@ -1,0 +1,146 @@
+"""What response times tell: the module by itself, on hosts of every kind."""
+
+from collections.abc import Callable
+from random import Random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.classifier.rig import chain
+from wackel_classifier.chain import Chain
+from wackel_classifier.timing import Timing
+
+SERVOS = 6
+MS = 1_000_000
+US = 1_000
+STAMP = 1_700_000_000_000_000_000
+BYTES, BAUD_RATE = 14, 1_000_000
+Delay = Callable[[int], float]  # µs, by position
+
+
+class Bus:
+    """Servos that are asked one after the other, 18 ms apart."""
+
+    def __init__(self, servos: int = SERVOS, seed: int = 1) -> None:
+        self.servos = servos
+        self.random = Random(seed)
+        self.timing = Timing(Chain("main", chain(servos)), 20)
+        self.now_ns = 0
+        self.turn = 0
+        self.told: list[str] = []
+
+    def ask(self, position: int, delay_us: float) -> None:
+        self.now_ns += 18 * MS
+        response_ns = round(delay_us * US) + BYTES * 10 * US
+        stamp = STAMP + self.now_ns
+        self.timing.response(position, response_ns, BYTES, BAUD_RATE, self.now_ns, stamp)
+        if self.turn % 10 == 0:
+            self.timing.tick()
+        self.told += [f.code for f in self.timing.findings(self.now_ns, stamp)]
+        self.turn += 1
+
+    def run(self, answers: int, delay: Delay) -> list[tuple[str, str]]:
+        """What is found in the end."""
+        self.told.clear()
+        for _ in range(answers):
+            position = self.turn % self.servos
+            self.ask(position, delay(position))
+        return [
+            (finding.code, finding.component.removeprefix("bus/main/"))
+            for finding in self.timing.findings(self.now_ns, STAMP + self.now_ns)
+        ]
+
+    def quiet(self, _: int = 0) -> float:
+        return self.random.gauss(120.0, 12.0)
+
+
+def test_a_slow_servo_is_found_and_healed() -> None:
+    bus = Bus()
+    assert bus.run(200, bus.quiet) == []
+    slow = bus.run(60, lambda place: bus.quiet() + (300 if place == 2 else 0))
+    assert slow == [("slow_servo", "servo/3")]
+    assert bus.run(30, bus.quiet) == []
+
+
+def test_a_host_that_is_late_for_all_makes_no_servo_slow() -> None:
+    for share in (0.05, 0.2, 0.5):
+        bus = Bus()
+        bus.run(200, bus.quiet)
+
+        def late(_: int, bus: Bus = bus, share: float = share) -> float:
+            return bus.quiet() + (bus.random.random() < share) * bus.random.uniform(100, 1500)
+
+        bus.run(20_000, late)
+        assert "slow_servo" not in bus.told[400 * SERVOS :], share
+        assert "latency_timer" not in bus.told
+
+
+def test_late_answers_in_a_burst_of_the_host_convict_nobody() -> None:
+    bus = Bus()
+    for _ in range(50):
+        bus.run(200, bus.quiet)
+        for place in range(SERVOS):
+            bus.timing.host_lag(MS, bus.now_ns, STAMP)  # seen by the reads of the cycle
+            bus.ask(place, bus.random.uniform(300, 5000))
+        assert bus.told == []
+        # All of them at one servo, as when it is asked again and again.
+        for place in (1, 1, 1, 1):
+            bus.ask(place, 3000.0)
+        assert "latency_timer" not in bus.told
+        bus.run(12, bus.quiet)
+
+
+@pytest.mark.parametrize("held_us", [4_000.0, 16_000.0])
+def test_an_adapter_that_holds_answers_back_is_told_from_a_slow_servo(held_us: float) -> None:
+    bus = Bus()
+    bus.run(200, bus.quiet)
+
+    def held(_: int) -> float:
+        return bus.quiet() + bus.random.uniform(0, held_us)
+
+    assert bus.run(30, held) == [("latency_timer", "adapter")]
+    assert set(bus.told) == {"latency_timer"}
+    bus.run(2000, held)
+    assert len(bus.told) == 2000  # without a gap
+    assert bus.run(30, bus.quiet) == []
+
+
+def test_a_slow_drift_is_found_with_its_size_and_a_common_one_is_not() -> None:
+    bus = Bus()
+    assert bus.run(200 * SERVOS, bus.quiet) == []
+    for step in range(40):
+        bus.run(5 * SERVOS, lambda place, s=step: bus.quiet() + (s if place == 4 else 0))  # type: ignore[misc]
+    [finding] = bus.timing.findings(bus.now_ns, STAMP + bus.now_ns)
+    assert (finding.code, finding.component) == ("slow_servo", "bus/main/servo/5")
+    assert 15 < float(finding.values["drift_us"]) < 40
+    assert bus.run(20 * SERVOS, bus.quiet) == []
+    for step in range(100):
+        assert bus.run(SERVOS, lambda _, s=step: bus.quiet() + s) == []  # type: ignore[misc]
+        assert bus.told == []
+
+
+def test_chance_alone_is_no_drift() -> None:
+    for seed in range(3):
+        bus = Bus(seed=seed)
+        bus.run(30_000, bus.quiet)
+        assert bus.told == []
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.integers(1, 4),
+    st.lists(st.tuples(st.integers(0, 3), st.integers(-(10**12), 10**12)), max_size=200),
+)
+def test_any_times_are_judged(servos: int, answers: list[tuple[int, int]]) -> None:
+    timing = Timing(Chain("main", chain(servos)), None)
+    for turn, (place, response_ns) in enumerate(answers):
+        position = place % servos
+        timing.response(position, response_ns, BYTES, 0, turn * MS, turn)
+        timing.late_answer(position, turn * MS, turn)
+        timing.host_lag(abs(response_ns), turn * MS, turn)
+        timing.register(position, place, turn)
+        timing.tick()
+        for finding in timing.findings(turn * MS, turn):
+            assert finding.summary
+            assert not any(value != value for value in finding.values.values())  # noqa: PLR0124
