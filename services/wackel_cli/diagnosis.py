@@ -10,15 +10,25 @@ from wackel_node.config import RobotConfig
 from wackel_recording.reader import Entry
 from wackel_schemas import wire
 from wackel_schemas.bus import BusState, Transaction
-from wackel_schemas.drive import ImuSample, Odometry
+from wackel_schemas.drive import ImuSample, Odometry, TwistCommand
 from wackel_schemas.fault import FaultReport
 from wackel_schemas.health import Heartbeat
-from wackel_schemas.keys import ALIVE, FAULT, IMU, STATE, TRANSACTION, chunk_of, topic_of
+from wackel_schemas.keys import (
+    ALIVE,
+    FAULT,
+    IMU,
+    STATE,
+    TRANSACTION,
+    TWIST_COMMAND,
+    chunk_of,
+    topic_of,
+)
 from wackel_schemas.message import Message
 
-CLASSIFIER, ODOMETRY = "classifier", "odometry"
-SOURCES = (CLASSIFIER, ODOMETRY)
+CLASSIFIER, ODOMETRY, DIAGNOSER = "classifier", "odometry", "diagnoser"
+SOURCES = (CLASSIFIER, ODOMETRY, DIAGNOSER)
 """The services that are run anew, by the names under which they report faults."""
+_OF_DRIVE = (STATE, IMU, TWIST_COMMAND)
 _ON_ITS_WAY_NS = 1_000_000_000
 
 
@@ -49,11 +59,11 @@ class Diagnosis:
         self._classifiers = {
             name: BusClassifier(name, bus, config.classifier) for name, bus in config.buses.items()
         }
-        self._odometer = None
+        self._drive = None
         if config.drive is not None:
-            from wackel_odometry.core import Odometer
+            from wackel_cli.drive_diagnosis import DriveDiagnosis
 
-            self._odometer = Odometer(config.drive, config.gyros)
+            self._drive = DriveDiagnosis(config.drive, config.gyros)
 
     def wants(self, key: str) -> bool:
         """Whether :meth:`run` uses messages of a key."""
@@ -62,7 +72,7 @@ class Diagnosis:
             return chunk_of(topic, key, "source") in SOURCES
         if topic is ALIVE:
             return chunk_of(topic, key, "service") in SOURCES
-        return topic is TRANSACTION or (topic in (STATE, IMU) and self._odometer is not None)
+        return topic is TRANSACTION or (topic in _OF_DRIVE and self._drive is not None)
 
     def run(self, entries: Iterable[Entry]) -> Iterator[FaultReport | Odometry]:
         """Takes in all of them; yields what follows from each as soon as it is concluded."""
@@ -115,15 +125,15 @@ class Diagnosis:
                 raise wire.Rejected("the configuration has no such bus")
             for report in classifier.step(transaction):
                 yield CLASSIFIER, report
-        elif topic is STATE and self._odometer is not None:
+        elif topic is STATE and self._drive is not None:
             state = wire.decode(payload, BusState)
             self._began(state.stamp)
-            for message in self._odometer.bus_state(chunk_of(topic, key, "bus"), state):
-                yield ODOMETRY, message
-        elif topic is IMU and self._odometer is not None:
+            yield from self._drive.bus_state(chunk_of(topic, key, "bus"), state)
+        elif topic is IMU and self._drive is not None:
             sample = wire.decode(payload, ImuSample)
-            for message in self._odometer.imu(chunk_of(topic, key, "name"), sample):
-                yield ODOMETRY, message
+            yield from self._drive.imu(chunk_of(topic, key, "name"), sample)
+        elif topic is TWIST_COMMAND and self._drive is not None:
+            self._drive.command(wire.decode(payload, TwistCommand))
         elif topic is FAULT:
             report = wire.decode(payload, FaultReport)
             if not report.repeated:
