@@ -55,12 +55,12 @@ def main(argv: list[str]) -> int:
 
 
 def as_text(health: Health) -> Text:
-    """Summary, faults with remedies, and services that are not ready."""
+    """Summary, faults with remedies, and services that are not ready or have more to say."""
     lines = [Text(health.summary, style="bold")]
     for fault in health.faults:
         lines += _fault_lines(fault)
     for service in health.services:
-        if service.status != "ready":
+        if service.status != "ready" or service.reason:
             reason = f": {service.reason}" if service.reason else ""
             lines.append(Text(f"{service.status:<10}{service.name}{reason}", style="yellow"))
     return Text("\n").join(lines)

@@ -6,7 +6,7 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import IO
@@ -22,6 +22,7 @@ from wackel_schemas import keys
 from wackel_schemas.health import Health, Heartbeat
 
 _PATIENCE_S = 10.0  # what a computer that boots needs to start all services at once
+_PROCESSES_TOLD = 2  # of one service: the one before a restart and the one after
 _TOKENS_S = 0.3  # what is alive at a rendezvous is told at once; this is a hundred times that
 
 
@@ -104,7 +105,11 @@ def robot_jobs(
     recorders = [job("recorder/main", "record")] if record or config.recorder.directory else []
     readers = [
         job("classifier/main", "classifier"),
-        *([job("odometry/main", "odometry")] if config.drive is not None else []),
+        *(
+            [job("odometry/main", "odometry"), job("diagnoser/main", "diagnoser")]
+            if config.drive is not None
+            else []
+        ),
         job("aggregator/main", "aggregator"),
         *recorders,
     ]
@@ -141,15 +146,7 @@ def rendezvous(config: RobotConfig, external: bool = False) -> Iterator[Link]:
         NotReached: The address is taken by something else, or nothing is at an external one.
         AlreadyRunning: The robot's services are at the one that listens already.
     """
-    if external:
-        link = Link(config, "client")
-    else:
-        try:
-            link = Link(config, "router")
-        except NotReached:
-            link = Link(config, "client")
-            log.logger.info("using the rendezvous that listens at %s", config.zenoh.endpoint)
-    with link:
+    with _linked(config, external) as link:
         alive: set[str] = set()
         link.watch_alive(lambda name, there: alive.add(name) if there else None)
         limit = time.monotonic() + _TOKENS_S
@@ -161,18 +158,37 @@ def rendezvous(config: RobotConfig, external: bool = False) -> Iterator[Link]:
         yield link
 
 
+def _linked(config: RobotConfig, external: bool) -> Link:
+    endpoint = config.zenoh.endpoint
+    if external:
+        try:
+            return Link(config, "client")
+        except NotReached as error:
+            raise NotReached(f"no zenohd at {endpoint}: start it first") from error
+    with suppress(NotReached):
+        return Link(config, "router")
+    try:
+        link = Link(config, "client")
+    except NotReached as error:
+        raise NotReached(
+            f"cannot listen at {endpoint}: it is no address of this computer, or a program that "
+            "is no rendezvous has the port; see zenoh.endpoint in robot.toml"
+        ) from error
+    log.logger.info("using the rendezvous that listens at %s", endpoint)
+    return link
+
+
 def run(link: Link, jobs: list[Job], show: Callable[[str, str, str], None]) -> None:
     """Runs jobs until a signal; tells every change of a process, a service or health."""
 
     def on_change(change: Change) -> None:
         show(change.name, change.event, f"pid {change.pid} {change.detail}".strip())
 
-    states: dict[str, tuple[int, str]] = {}
+    told_of: dict[str, dict[int, str]] = {}
 
     def on_heartbeat(key: str, beat: Heartbeat) -> None:
         name = key.removeprefix("alive/")
-        if states.get(name) != (beat.boot, beat.state):
-            states[name] = beat.boot, beat.state
+        if is_news(beat, told_of.setdefault(name, {})):
             show(name, beat.state, beat.reason)
 
     told = ""
@@ -189,6 +205,20 @@ def run(link: Link, jobs: list[Job], show: Callable[[str, str, str], None]) -> N
         while not stopped():
             link.pump(supervisor.wait_s())
             supervisor.step()
+
+
+def is_news(beat: Heartbeat, told: dict[int, str]) -> bool:
+    """Whether a process tells a state that is not in ``told``, by boot, which then has it.
+
+    Of one service the two latest processes are remembered: should both live, they take turns
+    without end, and each of them is news but once.
+    """
+    if told.get(beat.boot) == beat.state:
+        return False
+    told[beat.boot] = beat.state
+    while len(told) > _PROCESSES_TOLD:
+        del told[next(iter(told))]
+    return True
 
 
 @contextmanager

@@ -5,11 +5,13 @@ import json
 import math
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 import pytest
@@ -24,11 +26,12 @@ from wackel_cli.supervisor import (
     Job,
     Supervisor,
 )
-from wackel_cli.up import robot_jobs
-from wackel_node.config import BusConfig, RecorderConfig, RobotConfig, dump
+from wackel_cli.up import is_news, rendezvous, robot_jobs
+from wackel_node.config import BusConfig, RecorderConfig, RobotConfig, ZenohConfig, dump
 from wackel_node.config_drive import GyroConfig
-from wackel_node.link import Link, session
+from wackel_node.link import Link, NotReached, session
 from wackel_schemas import keys
+from wackel_schemas.health import Heartbeat
 
 
 def test_the_delay_doubles_up_to_a_bound_and_is_forgotten_after_a_sound_life() -> None:
@@ -63,6 +66,31 @@ def test_a_recording_stands_in_for_the_gateways_once_all_others_listen() -> None
     assert player.arguments == ("play", "--config", "robot.toml", "walk.mcap")
     assert player.after == ("classifier/main", "aggregator/main")
     assert player.once
+
+
+def test_two_processes_under_one_name_are_news_once_each() -> None:
+    told: dict[int, str] = {}
+
+    def beat(boot: int, state: Literal["starting", "ready", "stopping"]) -> bool:
+        return is_news(Heartbeat(stamp=0, boot=boot, state=state, period_s=0.5, pid=1), told)
+
+    assert beat(1, "starting")
+    assert beat(1, "ready")
+    assert not beat(1, "ready")
+    assert beat(2, "ready")
+    assert not any(beat(boot, "ready") for boot in (1, 2, 1, 2))
+    assert beat(2, "stopping")
+    assert beat(3, "ready")
+    assert len(told) == 2
+
+
+def test_an_address_that_cannot_be_listened_at_is_told_as_such() -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))  # and never listens
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        config = RobotConfig(zenoh=ZenohConfig(endpoint=endpoint))
+        with pytest.raises(NotReached, match="cannot listen at"), rendezvous(config):
+            pass
 
 
 # Real processes from here on.
@@ -298,7 +326,7 @@ def test_an_external_rendezvous_that_is_not_there_is_told(up: Up) -> None:
     process = up("--external-rendezvous")
     assert process.wait(20) == 3
     assert process.stderr is not None
-    assert "no robot at tcp/127.0.0.1:" in process.stderr.read()
+    assert "no zenohd at tcp/127.0.0.1:" in process.stderr.read()
 
 
 @pytest.mark.process
