@@ -20,8 +20,8 @@ def needed_services(config: RobotConfig) -> list[str]:
     """The services without which nothing is known of the robot."""
     gateways = [f"gateway/{bus}" for bus in config.buses]
     gyros = [f"imu/{name}" for name, gyro in config.gyros.items() if gyro.source == "iio"]
-    odometry = ["odometry/main"] if config.drive is not None else []
-    return [*gateways, *gyros, "classifier/main", *odometry] if gateways else []
+    drive = ["odometry/main", "diagnoser/main"] if config.drive is not None else []
+    return [*gateways, *gyros, "classifier/main", *drive] if gateways else []
 
 
 def wanted_services(config: RobotConfig) -> list[str]:

@@ -13,6 +13,7 @@ from wackel_schemas.fault import FaultReport
 from wackel_schemas.health import Health, Heartbeat
 from wackel_schemas.keys import topic_of
 from wackel_schemas.message import Message
+from wackel_schemas.residuals import Residuals
 
 _SHOWN_BYTES = 32  # of what is not understood: enough to recognise it
 _UNITS = {"position": "rad", "velocity": "rad/s", "current": "A", "voltage": "V"}
@@ -93,6 +94,14 @@ def _describe(message: Message) -> str:
             )
         case Exclusions():
             return "; ".join(f"{e.component} ({e.reason})" for e in message.excluded) or "none"
+        case Residuals():
+            likely = message.hypotheses[0] if message.hypotheses else None
+            what = ", ".join(likely.components) or "nothing" if likely is not None else "nothing"
+            sure = f" ({likely.probability:.0%})" if likely is not None else ""
+            return (
+                f"signature {message.signature or 'none'}  alarm {message.alarm:.0%}  "
+                f"likeliest: {what}{sure}  verdict: {', '.join(message.verdict) or 'sound'}"
+            )
         case FaultReport():
             again = " (repeated)" if message.repeated else ""
             return (

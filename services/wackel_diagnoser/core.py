@@ -4,6 +4,7 @@ Time is the stamps of the messages, so a recording gives the same as the robot.
 """
 
 import math
+from collections import deque
 from collections.abc import Mapping
 
 import numpy as np
@@ -52,6 +53,8 @@ CONTRARY = 0.5
 TRAVELLED_RAD = 0.1
 """How far a steering must have been told to turn meanwhile: one that is blocked looks sound until
 then."""
+ALARM_STEPS = 4
+"""How long an alarm takes at least."""
 OFF_S = 0.2
 """A torque that is off for so long is no transient of switching on."""
 SHOWN = 5
@@ -92,6 +95,7 @@ class Diagnoser:
         self._since = 0  # of the verdict
         self._sound_s = self._travelled = 0.0
         self._kind_test: KindTest | None = None
+        self._recent: deque[tuple[Measured, Floats, Floats, float]] = deque(maxlen=ALARM_STEPS)
         self._kind: Class = ""
         self._complaint: Complaint | None = None
         self._off_s = [0.0] * len(layout.drive.roll_wheels)
@@ -147,13 +151,13 @@ class Diagnoser:
         likelihood = self._bank.evaluate(measured.z, measured.h, variance, measured.size)
         sequential.step(likelihood, step.seconds)
         moving = measured.speed > MOVING_M_S
-        self._efforts.step(step.seconds, calm and moving)
+        efforts = self._efforts.step(step.seconds, target.speed, calm and moving)
         self._history.add(Moment(step.end, step.heading, measured.z[rows.rolls], target))
         self._steps_made += 1
         if calm and self._steps_made % LEARN_EVERY == 0:
             self._learn(measured, variance, step.seconds * LEARN_EVERY, moving)
         reference = self._references.step(measured, step.seconds, calm)
-        changed = self._judge(step, target, measured, variance, likelihood)
+        changed = self._judge(step, target, (measured, variance, efforts), likelihood)
         self._watch_torque(step.seconds)
         suspected = sequential.verdict != 0 or reference or self._complaint or any(self._off_s)
         messages: list[Message] = []
@@ -184,7 +188,11 @@ class Diagnoser:
         self._bias.learn(off[g] / left[g], variance[g] / left[g], seen[g], seconds, moving)
 
     def _judge(
-        self, step: Step, target: Target, measured: Measured, variance: Floats, likelihood: Floats
+        self,
+        step: Step,
+        target: Target,
+        evidence: tuple[Measured, Floats, Floats],
+        likelihood: Floats,
     ) -> bool:
         """Follows the verdict; says whether it, or its kind, has changed."""
         sequential, hypotheses = self._sequential, self._hypotheses
@@ -199,9 +207,13 @@ class Diagnoser:
                 sequential.accept(proposal)
                 self._take(proposal, step)
                 verdict, changed = proposal, True
+        self._recent.append((*evidence, step.seconds))
         if self._kind_test is not None and self._kind_test.seconds < WINDOW_S:
-            ratio = self._efforts.ratio() if self._efforts.known else None
-            self._kind_test.step(measured, variance, ratio, step.seconds)
+            if changed:  # an alarm takes some steps, which tell of the kind already
+                for each in self._recent:
+                    self._kind_test.step(*each)
+            else:
+                self._kind_test.step(*evidence, step.seconds)
             kind = self._kind_test.kind()
             changed |= kind != self._kind
             self._kind = kind
@@ -351,7 +363,7 @@ class Diagnoser:
         if self._kind_test is not None:
             strain, strained = self._kind_test.strains
             for name, value in (
-                ("gyro_share", self._kind_test.share),
+                ("gyro_share", self._kind_test.share[0]),
                 ("current_ratio", strain),
                 ("others_current_ratio", strained),
             ):

@@ -6,18 +6,17 @@ one whose sensor only says so.
 """
 
 import math
-from collections.abc import Mapping
 
 import numpy as np
 
-from wackel_drive.layout import Layout, Servo
+from wackel_drive.layout import Layout
 from wackel_kinematics.array import Floats
 from wackel_schemas.bus import BusState, ServoState
 
-SHORT_S = 0.15
-"""Some cycles: noise and single readings do not count, a fault shows at once."""
 LONG_S = 20.0
 """For what is usual."""
+LEAST = 0.005
+"""A, or share of the greatest load: resolution of the reading."""
 LEARNT_S = 5.0
 """Of driving, from which on it is known what is usual."""
 
@@ -25,28 +24,28 @@ LEARNT_S = 5.0
 class Efforts:
     """Follows the motors that roll and steer the wheels.
 
-    Attributes:
-        short: Mean square of each motor's current (A) or load (share) lately, rolling motors in
-            the order of the roll rows, then steering motors of all wheels; NaN where none is told.
-        usual: The same of driving without a fault.
+    What driving itself needs is taken off: a share of speed (friction) and a share of acceleration
+    (mass), both learnt. What is left is what a wheel works against others or against an obstacle.
     """
 
     def __init__(self, layout: Layout) -> None:
         rolls = layout.drive.roll_wheels.tolist()
         joints = [*(layout.rolling[i] for i in rolls), *layout.steering]
         self._rolls = len(rolls)
-        self._at: Mapping[Servo, int] = {
-            joint.servo: i for i, joint in enumerate(joints) if joint is not None
-        }
-        self._by_bus: dict[str, dict[int, int]] = {}
-        for servo, at in self._at.items():
-            self._by_bus.setdefault(servo.bus, {})[servo.id] = at
+        self._by_bus: dict[str, dict[int, tuple[int, int]]] = {}
+        for at, joint in enumerate(joints):
+            if joint is not None:
+                places = self._by_bus.setdefault(joint.servo.bus, {})
+                places[joint.servo.id] = at, joint.sign
         self._current = [math.nan] * len(joints)
         self._torque: list[bool | None] = [None] * len(joints)
-        self.short: Floats = np.full(len(joints), np.nan)
-        self.usual: Floats = np.full(len(joints), np.nan)
+        self._usual: Floats = np.full(len(joints), np.nan)
+        self._speed: Floats | None = None
+        # Normal equations of current = friction × speed + mass × acceleration, for all wheels.
+        self._normal: Floats = np.diag([1e-6, 1e-6])
+        self._right = np.zeros(2)
+        self._needs: Floats = np.zeros(2)
         self._learnt_s = 0.0
-        self._off_s = [0.0] * len(rolls)
 
     def bus_state(self, bus: str, state: BusState) -> None:
         """Takes in what the servos of a bus said."""
@@ -54,41 +53,57 @@ class Efforts:
         if places is None:
             return
         for servo in state.servos:
-            at = places.get(servo.id)
-            if at is not None:
-                self._current[at] = _effort(servo)
+            place = places.get(servo.id)
+            if place is not None:
+                at, sign = place
+                self._current[at] = sign * _effort(servo)
                 if servo.torque_enabled is not None:
                     self._torque[at] = servo.torque_enabled
 
-    def step(self, seconds: float, learn: bool) -> None:
-        """A step has passed; ``learn``: the robot drives, and nothing is suspected."""
-        squares = np.array(self._current)
-        squares *= squares
-        unknown = not math.isfinite(float(self.short.sum()))
-        if unknown:
-            self.short = np.where(np.isfinite(self.short), self.short, squares)
-        self.short = self.short + min(seconds / SHORT_S, 1.0) * (squares - self.short)
+    def step(self, seconds: float, speed: Floats, learn: bool) -> Floats:
+        """A step has passed.
+
+        Args:
+            seconds: Its length.
+            speed: What each roll row should have rolled at, m/s.
+            learn: Whether the robot drives, and nothing is suspected.
+
+        Returns:
+            Squares of what each motor needs beyond driving, by what that usually is; rolling motors
+            in the order of the roll rows, then steering motors of all wheels; NaN where unknown.
+        """
+        before, self._speed = self._speed, speed
+        current: Floats = np.array(self._current)
+        if before is not None:
+            causes = np.stack([speed, (speed - before) / seconds])
+            needed = self._needs @ causes
+            if learn and math.isfinite(float(needed.sum() + current[: self._rolls].sum())):
+                fade = 1.0 - seconds / LONG_S
+                self._normal = fade * self._normal + causes @ causes.T
+                self._right = fade * self._right + causes @ current[: self._rolls]
+                self._needs = np.asarray(np.linalg.solve(self._normal, self._right))
+            current[: self._rolls] -= np.where(np.isfinite(needed), needed, 0.0)
+        squares = current * current
         if learn:
-            if unknown:
-                self.usual = np.where(np.isfinite(self.usual), self.usual, squares)
             self._learnt_s = min(self._learnt_s + seconds, LONG_S)
-            self.usual = self.usual + seconds / self._learnt_s * (squares - self.usual)
-
-    @property
-    def known(self) -> bool:
-        """Whether it is known what is usual."""
-        return self._learnt_s >= LEARNT_S
-
-    def ratio(self) -> Floats:
-        """Root mean square lately by what is usual, rolling motors first; NaN where unknown."""
-        with np.errstate(invalid="ignore", divide="ignore"):
-            ratio: Floats = np.sqrt(self.short / self.usual)
+            self._usual = _towards(self._usual, squares, seconds / self._learnt_s)
+        if self._learnt_s < LEARNT_S:
+            return np.full(len(squares), np.nan)
+        ratio: Floats = squares / np.maximum(self._usual, LEAST**2)
         return ratio
 
     def off(self) -> list[bool]:
         """Which rolling motors are switched off while others are on."""
         rolling = self._torque[: self._rolls]
         return [torque is False and any(rolling) for torque in rolling]
+
+
+def _towards(mean: Floats, value: Floats, share: float) -> Floats:
+    """A mean moved towards a value by a share; it begins with the first value that is known."""
+    moved = mean + share * (value - mean)
+    if math.isfinite(float(moved.sum())):
+        return moved
+    return np.where(np.isfinite(moved), moved, np.where(np.isfinite(mean), mean, value))
 
 
 def _effort(servo: ServoState) -> float:

@@ -14,13 +14,22 @@ from wackel_diagnoser.hypotheses import Class
 from wackel_diagnoser.rows import Measured
 from wackel_kinematics.array import Bools, Floats
 
-SHARE = 0.15
-"""Share of the expected yaw change from which on an actuator is meant: blocked wheels show 0.08 to
-0.3, steerings that stand off 0.4 to 1, sensors 0.00 ± 0.03."""
-STRAINED = 2.0
-"""A motor's current by what is usual, from which on it fights something."""
-OTHERS_STRAINED = 1.5
-"""The same of the other wheels' motors together, which share the load."""
+SHARE = 0.25
+"""Share of the expected yaw change that an actuator shows, and its spread: blocked wheels 0.02 to
+0.3, steerings that stand off 0.1 to 1."""
+SENSOR_SPREAD = 0.05
+"""The same of sensors, which show 0.00."""
+INDEPENDENT = 0.1
+"""Share of the steps that tell something new."""
+STRAINED = 2.5
+"""Effort of a drive's own motor, by what is usual, from which on it fights something: sensor faults
+show 0.2 to 2.0, wheels that are blocked or turn too fast 3.4 to 17."""
+STEERING_STRAINED = 1.35
+"""Of a steering's own motor: sensor faults show 0.2 to 1.3, blocked ones 1.4 to 1.7."""
+OTHERS_STRAINED = 1.3
+"""Of the rolling motors of the other wheels when a steering stands off: they drag its wheel."""
+WEIGHT = 4.0
+"""Evidence of an effort that is e times the limit."""
 WINDOW_S = 1.5
 """How long after the onset a kind is still reconsidered."""
 
@@ -31,24 +40,22 @@ class KindTest:
     Args:
         spoilt: Rows that the component spoils, without the gyro's.
         gyros: Where the gyros stand among the rows.
-        wheels: Which efforts are its own motor's.
-        rolling: Which efforts are rolling motors'.
+        own: Which of the efforts is its own motor's.
+        rolling: How many of the efforts are rolling motors'; they come first.
     """
 
     def __init__(self, spoilt: Bools, gyros: slice, own: int, rolling: int) -> None:
         self._spoilt = spoilt
         self._gyros = gyros
         self._own = own
+        self._steering = own >= rolling
         self._others = np.arange(rolling) != own
         self.seconds = 0.0
-        self._xx = self._xe = self._noise = 0.0
-        self._weight = 0.0
-        self._strain = self._others_strain = math.nan
+        self._xx = self._xe = 0.0
+        self._efforts = np.zeros(2)
 
-    def step(
-        self, measured: Measured, variance: Floats, ratio: Floats | None, seconds: float
-    ) -> None:
-        """Takes in a step; ``ratio``: efforts by what is usual, if that is known."""
+    def step(self, measured: Measured, variance: Floats, efforts: Floats, seconds: float) -> None:
+        """Takes in a step; ``efforts``: squares by what is usual, NaN where unknown."""
         self.seconds += seconds
         weight = np.where(measured.present, 1.0 / variance, 0.0)
         weight[self._gyros] = 0.0
@@ -62,31 +69,39 @@ class KindTest:
             noise = float(variance[self._gyros][heard].mean()) + yaw[1]
             self._xx += expected * expected / noise
             self._xe += expected * shown / noise
-        if ratio is not None:
-            own = float(ratio[self._own])
-            others = ratio[: len(self._others)][self._others]
-            self._strain = own if not self._strain >= own else self._strain
-            together = float(np.sqrt(np.mean(others * others))) if len(others) else math.nan
-            strain = self._others_strain
-            self._others_strain = together if not strain >= together else strain
+        others = efforts[: len(self._others)][self._others]
+        self._efforts += seconds * np.array([efforts[self._own], others.mean()])
 
     @property
-    def share(self) -> float:
-        """Of the expected yaw change that the gyro shows; NaN while it cannot tell."""
-        # The residuals correlate; a tenth of the steps is new.
-        return self._xe / self._xx if self._xx * 0.1 > (2 / SHARE) ** 2 else math.nan
+    def share(self) -> tuple[float, float]:
+        """Of the expected yaw change that the gyro shows, and the standard deviation of that."""
+        information = max(INDEPENDENT * self._xx, 1e-9)
+        return self._xe / max(self._xx, 1e-9), 1.0 / math.sqrt(information)
 
     @property
     def strains(self) -> tuple[float, float]:
-        """Greatest effort by what is usual: its own motor's, and the other wheels'."""
-        return self._strain, self._others_strain
+        """Efforts by what is usual: its own motor's, and the other wheels'; NaN if unknown."""
+        own, others = np.sqrt(self._efforts / max(self.seconds, 1e-9)).tolist()
+        return own, others
 
     def kind(self) -> Class:
         """What it is, as far as the evidence goes; a sensor where nothing says otherwise."""
-        strain, others = self.strains
-        if strain > STRAINED or others > OTHERS_STRAINED or self.share > SHARE:
-            return "actuator"
-        return "sensor"
+        share, sigma = self.share
+        as_sensor = math.hypot(sigma, SENSOR_SPREAD)
+        as_actuator = math.hypot(sigma, SHARE)
+        evidence = 0.5 * (share / as_sensor) ** 2 - 0.5 * ((share - SHARE) / as_actuator) ** 2
+        evidence += math.log(as_sensor / as_actuator)
+        own, others = self.strains
+        if self._steering:
+            evidence += _strain(own, STEERING_STRAINED) + _strain(others, OTHERS_STRAINED)
+        else:
+            evidence += _strain(own, STRAINED)
+        return "actuator" if evidence > 0 else "sensor"
+
+
+def _strain(effort: float, limit: float) -> float:
+    """Evidence of an effort; none where it is not known."""
+    return WEIGHT * math.log(max(effort, 0.1) / limit) if math.isfinite(effort) else 0.0
 
 
 def _yaw(measured: Measured, weight: Floats) -> tuple[float, float] | None:

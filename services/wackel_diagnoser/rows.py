@@ -31,10 +31,12 @@ PENDING = 0.35
 drive is no first-order lag."""
 CRAB = 0.3
 """Share of the sideways speed of a wheel that still has to turn by which all wheels slip."""
+YAWING = 0.3
+"""The yaw rate that this causes, by what it would be if all wheels slipped the same way around."""
 SIDEWAYS = 0.7
 """The same for that wheel itself."""
-JERK = 0.5
-"""A gyro's sample and a step cover different times: up to half of how its value changes is late."""
+JERK = 0.3
+"""A gyro's sample and a step cover different times: part of how its value changes is late."""
 SLOWEST = 0.01
 """m/s; a faulty wheel of a robot at rest is not off by less."""
 TREMBLE = 0.02
@@ -193,7 +195,7 @@ class Rows:
         loose[self.steering] = PENDING * gap + STEERING_LAG_S * turned
         loose[rolling] += PENDING * np.abs(target.speed_gap)
         jerk = np.abs(z[gyros] - self._gyro_before)
-        loose[gyros] = crab / self._length_m + JERK * jerk
+        loose[gyros] = YAWING * crab / self._length_m + JERK * jerk
         self._gyro_before = z[gyros]
         if not whole:
             size[~present] = 0.0

@@ -83,8 +83,7 @@ class PaperSteps:
         singular = candidates.singularities(drive.rows(commanded_beta))
         left = ~singular.any & np.isfinite(twists[:, 0])
         texts = {"I": self._text_of_first(singular.at_contact, singular.coincident)}
-        off = self._apart(twists, command)
-        off &= left
+        off: Bools = left & (np.abs(twists - command) > self._tolerance).any(axis=-1)
         components: list[str] = []
         fault = ""
         if not np.isfinite(command).all():
@@ -152,8 +151,7 @@ class PaperSteps:
     def _apart(self, a: Floats, b: Floats) -> Bools:
         """Whether twists differ by more than a threshold in any component (eq. 10 and 12)."""
         with np.errstate(invalid="ignore"):
-            apart: Bools = (np.abs(a - b) > self._tolerance).any(axis=-1)
-        return apart
+            return np.asarray((np.abs(a - b) > self._tolerance).any(axis=-1))
 
     def _match(self, off: Bools, left: Bools) -> list[str]:
         """Components whose signature the candidates show."""

@@ -31,6 +31,7 @@ from wackel_schemas.fault import Evidence, FaultReport
 from wackel_schemas.health import Health, Heartbeat
 from wackel_schemas.keys import HEALTH, TOPICS
 from wackel_schemas.message import Message
+from wackel_schemas.residuals import HypothesisState, Residuals
 
 MESSAGES: dict[str, tuple[Message, str]] = {
     "bus/main/transaction": (
@@ -111,6 +112,17 @@ MESSAGES: dict[str, tuple[Message, str]] = {
             excluded=[Exclusion(component="drive/wheel/left", fault="sensor", reason="it slips")],
         ),
         "drive/wheel/left (it slips)",
+    ),
+    "residuals": (
+        Residuals(
+            stamp=1,
+            signature="000101",
+            hypotheses=[
+                HypothesisState(components=["wheel/w3/drive"], fault="actuator", probability=0.993)
+            ],
+            alarm=0.25,
+        ),
+        "signature 000101  alarm 25%  likeliest: wheel/w3/drive (99%)  verdict: sound",
     ),
     "fault/classifier": (
         FaultReport(

@@ -1,0 +1,39 @@
+"""``wackel diagnoser``: which wheel, steering or sensor of a drive is faulty."""
+
+import argparse
+import sys
+
+from wackel_node import log
+from wackel_node.algebra import single_threaded
+from wackel_node.arguments import add_config, config_of
+from wackel_node.config import ConfigError
+
+
+def main(argv: list[str]) -> int:
+    """Runs the service; returns the exit code."""
+    parser = argparse.ArgumentParser(
+        prog="wackel diagnoser",
+        description="Names faulty drives, steerings and sensors: holds the wheels that robot.toml "
+        "lists under [drive] (bus/<bus>/state), the gyros (imu/<name>) and the commanded velocity "
+        "(command/twist) against each other. Publishes fault/diagnoser, exclusions (which odometry "
+        "obeys) and residuals.",
+        epilog="Look at it: `wackel echo residuals`. What it can tell apart on your robot: `wackel "
+        "explain robot.toml`.",
+    )
+    add_config(parser)
+    parser.add_argument("--verbose", action="store_true", help="log more")
+    arguments = parser.parse_args(argv)
+    log.set_up("diagnoser", arguments.verbose)
+    config = config_of(arguments)
+    if config.drive is None:
+        raise ConfigError("robot.toml has no [drive]: list the wheels there to have them diagnosed")
+
+    single_threaded()
+    from wackel_diagnoser.service import run
+
+    run(config, config.drive)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

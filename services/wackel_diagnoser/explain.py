@@ -1,0 +1,123 @@
+"""``wackel explain``: which drive faults this robot can tell apart, and which motion would tell."""
+
+import argparse
+import json
+import math
+import sys
+from pathlib import Path
+
+from wackel_node.algebra import single_threaded
+from wackel_node.arguments import DEFAULT
+from wackel_node.config import ConfigError, RobotConfig, load
+
+
+def main(argv: list[str]) -> int:
+    """Runs the command; returns its exit code."""
+    parser = argparse.ArgumentParser(
+        prog="wackel explain",
+        description="Says which faults of the drive in robot.toml can be told apart with its "
+        "geometry and sensors, which look alike, and which motion would tell.",
+        epilog="Asked of the diagnoser's own arithmetic, with typical faults: a wheel 20 % slow, a "
+        "steering 5° off, a gyro off by 0.1 rad/s, at 0.5 m/s.",
+    )
+    parser.add_argument(
+        "config",
+        nargs="?",
+        type=Path,
+        default=DEFAULT,
+        help="the robot's configuration (default: %(default)s)",
+    )
+    parser.add_argument("--json", action="store_true", help="one JSON object a fault")
+    arguments = parser.parse_args(argv)
+    config = load(arguments.config)
+    if config.drive is None:
+        raise ConfigError(f"{arguments.config} has no [drive]: list the wheels there")
+    single_threaded()
+    for line in _json(config) if arguments.json else _text(config):
+        print(line)
+    return 0
+
+
+def _json(config: RobotConfig) -> list[str]:
+    return [
+        json.dumps(
+            {
+                "component": fault,
+                "motions": {
+                    motion: {
+                        "seen_s": round(seen_s, 3) if math.isfinite(seen_s) else None,
+                        "like": list(like),
+                    }
+                    for motion, (seen_s, like) in seen.items()
+                },
+            }
+        )
+        for fault, seen in _visibility(config).items()
+    ]
+
+
+def _text(config: RobotConfig) -> list[str]:
+    from wackel_diagnoser.isolability import SEEN_S
+    from wackel_schemas import component
+
+    lines = []
+    for fault, seen in _visibility(config).items():
+        name = component.in_words(fault)
+        shows = {motion: like for motion, (seen_s, like) in seen.items() if seen_s <= SEEN_S}
+        clear = [motion for motion, like in shows.items() if not like]
+        lines.append(name[0].upper() + name[1:])
+        if clear:
+            lines.append(f"  is named in {', '.join(clear)}")
+        for motion, like in shows.items():
+            if like:
+                alike = " or ".join(component.in_words(each) for each in like)
+                tell = f"; {clear[0]} would tell" if clear else "; no motion tried would tell"
+                lines.append(f"  looks like {alike} in {motion}{tell}")
+        hidden = [motion for motion in seen if motion not in shows]
+        if hidden:
+            lines.append(f"  does not show in {', '.join(hidden)}")
+    return [*lines, "", *_notes(config)]
+
+
+def _notes(config: RobotConfig) -> list[str]:
+    """What no geometry changes."""
+    assert config.drive is not None
+    steered = any(wheel.steering is not None for wheel in config.drive.wheels)
+    notes = ["Whatever the geometry:"]
+    if config.gyros:
+        notes.append("  a sensor is told from what it measures by gyro and motor currents")
+    else:
+        notes.append(
+            "  without a gyro only motor currents tell a sensor from what it measures; list one "
+            "under [gyros]"
+        )
+    notes.append(
+        "  a wheel that rolls freely looks sound: it shows only if its servo reports torque off"
+    )
+    if steered:
+        notes.append("  a steering that is blocked shows once it is told to turn")
+        notes.append(
+            "  a steering whose zero is wrong shows in the gyro alone, if at all: after turns in "
+            "both directions"
+            if config.gyros
+            else "  a steering whose zero is wrong does not show without a gyro"
+        )
+    return notes
+
+
+def _visibility(config: RobotConfig) -> dict[str, dict[str, tuple[float, tuple[str, ...]]]]:
+    """Time to the alarm and what looks alike, by fault and motion."""
+    from wackel_diagnoser.isolability import Isolability
+
+    assert config.drive is not None
+    isolability = Isolability(config.drive, config.gyros)
+    motions = isolability.motions()
+    result: dict[str, dict[str, tuple[float, tuple[str, ...]]]] = {}
+    for fault in isolability.faults():
+        seen = {motion: isolability.look(fault, twist) for motion, twist in motions.items()}
+        result[fault] = {motion: (each.seen_s, each.like) for motion, each in seen.items()}
+    return result
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

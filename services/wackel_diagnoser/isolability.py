@@ -1,0 +1,147 @@
+"""Which faults a drive's geometry can tell apart, and in which motion: the bank asked beforehand.
+
+Each fault of a typical size is put into the measurements of each motion, without noise. The
+evidence that the bank then gives per step says whether the fault shows, and against which others.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wackel_diagnoser.bank import Bank
+from wackel_diagnoser.hypotheses import Hypotheses
+from wackel_diagnoser.reference import Target
+from wackel_diagnoser.rows import Rows
+from wackel_diagnoser.sequential import INDEPENDENT, LEAD, MEMORY_S, threshold
+from wackel_drive.alignment import Step
+from wackel_drive.layout import Layout
+from wackel_kinematics.array import Floats
+from wackel_kinematics.inverse import inverse
+from wackel_node.config_drive import DriveConfig, GyroConfig
+
+RATE = 100.0
+SPEED = 0.5
+"""m/s: walking pace of a small robot."""
+MOTIONS: dict[str, tuple[float, float, float]] = {
+    "straight ahead": (SPEED, 0.0, 0.0),
+    "sideways": (0.0, SPEED, 0.0),
+    "a circle of 1 m": (SPEED, 0.0, SPEED),
+    "a turn on the spot": (0.0, 0.0, 2 * SPEED),
+    "a curve while crabbing": (0.7 * SPEED, 0.7 * SPEED, 0.7 * SPEED),
+}
+SLOW = 0.2
+"""Share by which a wheel's speed is wrong."""
+OFF_RAD = math.radians(5.0)
+"""By how much a steering stands off."""
+GYRO_OFF = 0.1
+"""rad/s."""
+SEEN_S = 2.0
+"""A fault that needs longer than this does not show in a motion."""
+FEASIBLE = 0.02
+"""m/s by which a motion that the drive can do may drag a wheel sideways."""
+
+
+@dataclass(frozen=True)
+class Visibility:
+    """One fault in one motion.
+
+    Attributes:
+        seen_s: Time to an alarm; infinite: never.
+        like: Other components that explain it as well.
+    """
+
+    seen_s: float
+    like: tuple[str, ...]
+
+
+class Isolability:
+    """Asks the bank.
+
+    Args:
+        config: The drive.
+        gyros: By name.
+    """
+
+    def __init__(self, config: DriveConfig, gyros: Mapping[str, GyroConfig]) -> None:
+        self._layout = Layout(config)
+        self._gyros = gyros
+        self._rows = Rows(self._layout, config, gyros)
+        self._hypotheses = Hypotheses(self._layout, gyros)
+        self._bank = Bank(self._hypotheses.spread)
+        self._limit = threshold(len(self._hypotheses), RATE)
+
+    def motions(self) -> dict[str, tuple[float, float, float]]:
+        """Those that the drive can do."""
+        drive = self._layout.drive
+        return {
+            name: twist
+            for name, twist in MOTIONS.items()
+            if np.abs(inverse(drive, np.array(twist), drive.steering(np.zeros(drive.n))).slip).max()
+            < FEASIBLE
+        }
+
+    def faults(self) -> list[str]:
+        """Components of wheels and gyros, as the diagnoser names them."""
+        hypotheses = self._hypotheses
+        names = [hypotheses.each[i].components[0] for i in hypotheses.singles.tolist()]
+        return [name for name in dict.fromkeys(names) if "/" in name]
+
+    def look(self, fault: str, twist: tuple[float, float, float]) -> Visibility:
+        """How a fault shows in a motion."""
+        step, target = self._moving(np.array(twist))
+        step = self._with(step, fault)
+        bias = np.zeros(len(self._gyros))
+        self._rows.measure(step, target, bias)  # the fault lasts: nothing has just jumped
+        measured = self._rows.measure(step, target, bias)
+        variance = measured.base + measured.loose
+        likelihood = self._bank.evaluate(measured.z, measured.h, variance, measured.size)
+        hypotheses = self._hypotheses
+        best = [
+            float((likelihood + hypotheses.prior / (MEMORY_S * RATE * INDEPENDENT))[m].max())
+            for m in hypotheses.members
+        ]
+        here = hypotheses.explanations.index((fault,))
+        evidence = INDEPENDENT * (best[here] - best[0])
+        seen_s = self._limit / (evidence * RATE) if evidence > 0 else math.inf
+        needed = LEAD / (MEMORY_S * RATE)
+        like = [
+            names[0]
+            for i, names in enumerate(hypotheses.explanations)
+            if len(names) == 1 and i != here and INDEPENDENT * (best[here] - best[i]) < needed
+        ]
+        return Visibility(seen_s, tuple(like))
+
+    def _moving(self, twist: Floats) -> tuple[Step, Target]:
+        """A step without a fault, and what it should have been."""
+        drive = self._layout.drive
+        motion = inverse(drive, twist, drive.steering(np.zeros(drive.n)))
+        heading = np.where(drive.steers, drive.heading(motion.steering), np.nan)
+        shown = np.where(drive.steers, heading, 0.0)
+        rates = np.full(drive.n, np.nan)
+        rates[drive.roll_wheels] = motion.wheel_rate[drive.roll_wheels]
+        nanoseconds = round(1e9 / RATE)
+        step = Step(
+            0, nanoseconds, heading, np.zeros(drive.n), rates, np.full(len(self._gyros), twist[2])
+        )
+        none = np.zeros(drive.n)
+        rolls = drive.roll_wheels
+        speed = drive.roll_radius * motion.wheel_rate[rolls]
+        return step, Target(heading, none, speed, np.zeros(len(rolls)), shown, twist)
+
+    def _with(self, step: Step, fault: str) -> Step:
+        place = self._hypotheses.place(fault)
+        if place is None:
+            number = list(self._gyros).index(fault.removeprefix("gyro/"))
+            rate = step.gyro_rate.copy()
+            rate[number] += GYRO_OFF
+            return replace(step, gyro_rate=rate)
+        part, wheel = place
+        if part == "drive":
+            rates = step.wheel_rate.copy()
+            rates[wheel] *= 1 - SLOW
+            return replace(step, wheel_rate=rates)
+        heading = step.heading.copy()
+        heading[wheel] += OFF_RAD
+        return replace(step, heading=heading)

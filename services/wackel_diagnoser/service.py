@@ -1,0 +1,61 @@
+"""Wires topics to the core."""
+
+from collections.abc import Iterable
+
+from msgspec.structs import replace
+
+from wackel_diagnoser.core import Diagnoser
+from wackel_node.config import RobotConfig
+from wackel_node.config_drive import DriveConfig
+from wackel_node.log import logger
+from wackel_node.node import Node
+from wackel_schemas import keys
+from wackel_schemas.bus import BusState
+from wackel_schemas.drive import Exclusions, ImuSample, TwistCommand
+from wackel_schemas.fault import FaultReport
+from wackel_schemas.message import Message
+from wackel_schemas.residuals import Residuals
+
+REPEAT_S = 1.0
+"""Active faults are told again so often, for those who came later."""
+
+
+def run(config: RobotConfig, drive: DriveConfig) -> None:
+    """Runs the service until a signal ends it."""
+    with Node("diagnoser", "main", config) as node:
+        core = Diagnoser(drive, config.gyros)
+        residuals = node.publisher(keys.RESIDUALS)
+        exclusions = node.publisher(keys.EXCLUSIONS)
+        faults = node.publisher(keys.FAULT, source="diagnoser")
+
+        def publish(messages: Iterable[Message]) -> None:
+            for message in messages:
+                if isinstance(message, Residuals):
+                    residuals.put(message)
+                elif isinstance(message, Exclusions):
+                    exclusions.put(message)
+                elif isinstance(message, FaultReport):
+                    logger.info("%s: %s", message.status, message.message)
+                    faults.put(message)
+
+        def repeat() -> None:
+            for report in core.active():
+                faults.put(replace(report, repeated=True))
+
+        def on_state(key: str, state: BusState) -> None:
+            publish(core.bus_state(keys.chunk_of(keys.STATE, key, "bus"), state))
+
+        def on_imu(key: str, sample: ImuSample) -> None:
+            publish(core.imu(keys.chunk_of(keys.IMU, key, "name"), sample))
+
+        def on_command(_: str, message: TwistCommand) -> None:
+            core.command(message)
+
+        for bus in sorted({bus for wheel in drive.wheels for bus, _ in wheel.servos()}):
+            node.subscribe(keys.STATE, on_state, bus=bus)
+        for name in config.gyros:
+            node.subscribe(keys.IMU, on_imu, name=name)
+        node.subscribe(keys.TWIST_COMMAND, on_command)
+        node.every(REPEAT_S, repeat)
+        node.ready()
+        node.run()
