@@ -53,7 +53,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="wackel replay",
         description="Diagnoses recordings anew, with this version of wackel, and prints every "
-        "fault of the buses and of the odometry that begins, changes or heals. Runs as fast as it "
+        "fault of buses, drive and sensors that begins, changes or heals. Runs as fast as it "
         "goes; the same recording always gives the same output.",
         epilog="Exit code 1 if --compare finds a difference.",
     )
