@@ -143,7 +143,10 @@ class Diagnoser:
     def _step(self, step: Step) -> list[Message]:
         sequential, rows = self._sequential, self._rows
         calm = sequential.verdict == 0 and sequential.alarm < CALM
-        target = self._reference.step(step, calm)
+        self._steps_made += 1
+        learning = calm and self._steps_made % LEARN_EVERY == 0
+        learnt_s = step.seconds * LEARN_EVERY if learning else 0.0
+        target = self._reference.step(step, learnt_s)
         measured = rows.measure(step, target, self._bias.value)
         variance = measured.base * self._sensors.factors
         variance += measured.loose * self._manoeuvre.factors
@@ -151,15 +154,20 @@ class Diagnoser:
         likelihood = self._bank.evaluate(measured.z, measured.h, variance, measured.size)
         sequential.step(likelihood, step.seconds)
         moving = measured.speed > MOVING_M_S
-        efforts = self._efforts.step(step.seconds, target.speed, calm and moving)
+        driven_s = learnt_s if moving else 0.0
+        efforts = self._efforts.step(step.seconds, target.speed, driven_s, needed=not calm)
         self._history.add(Moment(step.end, step.heading, measured.z[rows.rolls], target))
-        self._steps_made += 1
-        if calm and self._steps_made % LEARN_EVERY == 0:
-            self._learn(measured, variance, step.seconds * LEARN_EVERY, moving)
-        reference = self._references.step(measured, step.seconds, calm)
+        if learning:
+            self._learn(measured, variance, learnt_s, moving)
+            self._references.step(measured, learnt_s)
         changed = self._judge(step, target, (measured, variance, efforts), likelihood)
         self._watch_torque(step.seconds)
-        suspected = sequential.verdict != 0 or reference or self._complaint or any(self._off_s)
+        suspected = (
+            sequential.verdict != 0
+            or self._references.found is not None
+            or self._complaint is not None
+            or any(self._off_s)
+        )
         messages: list[Message] = []
         if changed or (
             (suspected or self._reports.active())

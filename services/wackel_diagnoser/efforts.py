@@ -39,7 +39,8 @@ class Efforts:
                 places[joint.servo.id] = at, joint.sign
         self._current = [math.nan] * len(joints)
         self._torque: list[bool | None] = [None] * len(joints)
-        self._usual: Floats = np.full(len(joints), np.nan)
+        self._unknown: Floats = np.full(len(joints), np.nan)
+        self._usual = self._unknown
         self._speed: Floats | None = None
         # Normal equations of current = friction × speed + mass × acceleration, for all wheels.
         self._normal: Floats = np.diag([1e-6, 1e-6])
@@ -60,35 +61,39 @@ class Efforts:
                 if servo.torque_enabled is not None:
                     self._torque[at] = servo.torque_enabled
 
-    def step(self, seconds: float, speed: Floats, learn: bool) -> Floats:
+    def step(self, seconds: float, speed: Floats, learnt_s: float, *, needed: bool) -> Floats:
         """A step has passed.
 
         Args:
             seconds: Its length.
             speed: What each roll row should have rolled at, m/s.
-            learn: Whether the robot drives, and nothing is suspected.
+            learnt_s: For how much driving without a fault it stands; 0: nothing can be learnt.
+            needed: Whether the result is.
 
         Returns:
             Squares of what each motor needs beyond driving, by what that usually is; rolling motors
             in the order of the roll rows, then steering motors of all wheels; NaN where unknown.
         """
         before, self._speed = self._speed, speed
-        current: Floats = np.array(self._current)
-        if before is not None:
-            causes = np.stack([speed, (speed - before) / seconds])
-            needed = self._needs @ causes
-            if learn and math.isfinite(float(needed.sum() + current[: self._rolls].sum())):
-                fade = 1.0 - seconds / LONG_S
+        if not (needed or learnt_s) or before is None:
+            return self._unknown
+        rolls = self._rolls
+        current = np.array(self._current)
+        causes = np.array([speed, (speed - before) / seconds])
+        by_driving = self._needs @ causes
+        if math.isfinite(float(by_driving.sum())):
+            if learnt_s and math.isfinite(float(current[:rolls].sum())):
+                fade = 1.0 - learnt_s / LONG_S
                 self._normal = fade * self._normal + causes @ causes.T
-                self._right = fade * self._right + causes @ current[: self._rolls]
+                self._right = fade * self._right + causes @ current[:rolls]
                 self._needs = np.asarray(np.linalg.solve(self._normal, self._right))
-            current[: self._rolls] -= np.where(np.isfinite(needed), needed, 0.0)
-        squares = current * current
-        if learn:
-            self._learnt_s = min(self._learnt_s + seconds, LONG_S)
-            self._usual = _towards(self._usual, squares, seconds / self._learnt_s)
+            current[:rolls] -= by_driving
+        squares: Floats = current * current
+        if learnt_s:
+            self._learnt_s = min(self._learnt_s + learnt_s, LONG_S)
+            self._usual = _towards(self._usual, squares, learnt_s / self._learnt_s)
         if self._learnt_s < LEARNT_S:
-            return np.full(len(squares), np.nan)
+            return self._unknown
         ratio: Floats = squares / np.maximum(self._usual, LEAST**2)
         return ratio
 

@@ -123,12 +123,12 @@ class Reference:
         self._current = None
         self._known = False
 
-    def step(self, step: Step, learn: bool) -> Target:
+    def step(self, step: Step, learnt_s: float) -> Target:
         """What the wheels should have done in a step.
 
         Args:
             step: What they did.
-            learn: Whether nothing is suspected, so that the lag can be learnt.
+            learnt_s: For how much driving without a fault it stands; 0: nothing can be learnt.
         """
         while self._waiting and self._waiting[0][0] <= step.begin:
             self._current = self._waiting.popleft()
@@ -151,15 +151,19 @@ class Reference:
             halves[~np.isfinite(halves)] = 0.0
         gap = self._goal - state
         moved = reached * gap
+        middle = mean * gap
         most = self._steering_rate * dt
-        np.minimum(moved[:, :n], most, out=moved[:, :n])
-        np.maximum(moved[:, :n], -most, out=moved[:, :n])
-        # A step's mean lies where a lag has it, or half way for one that turns as fast as it can.
-        middle = np.where(np.abs(moved) < np.abs(reached * gap), 0.5 * moved, mean * gap) + state
+        turned = moved[:, :n]
+        if max(float(turned.max(initial=0.0)), -float(turned.min(initial=0.0))) > most:
+            # One that turns as fast as it can is half way in the middle of a step.
+            limited = np.minimum(np.maximum(turned, -most), most)
+            middle[:, :n] = np.where(limited == turned, middle[:, :n], 0.5 * limited)
+            moved[:, :n] = limited
+        middle += state
         state += moved
         sign = 1.0 - 2.0 * (halves[self._roll_wheels] % 2.0)
-        if learn:
-            self._learn(step, halves, sign, middle)
+        if learnt_s:
+            self._learn(step, learnt_s, halves, sign, middle)
         steering, rolling = self._chosen
         envelope = np.abs(gap[steering, :n])
         self._envelope *= math.exp(-dt / SETTLING_S)
@@ -205,7 +209,9 @@ class Reference:
         self._state[:] = np.concatenate([heading, self._goal[self._n :]])
         self._known = True
 
-    def _learn(self, step: Step, halves: Floats, sign: Floats, middle: Floats) -> None:
+    def _learn(
+        self, step: Step, learnt_s: float, halves: Floats, sign: Floats, middle: Floats
+    ) -> None:
         """Which lag the measurements follow, and how fast the steering can turn."""
         turned = float(np.abs(step.steered).max(initial=0.0))
         if turned > self._steering_rate * step.seconds:
@@ -218,10 +224,10 @@ class Reference:
         )
         off = off - middle
         squares = np.minimum(off * off, 0.01)
-        self._misses *= 1.0 - step.seconds / MEMORY_S
+        self._misses *= 1.0 - learnt_s / MEMORY_S
         if math.isfinite(float(squares.sum())):
             self._misses += np.stack([squares[:, : self._n].sum(1), squares[:, self._n :].sum(1)])
-        self._since_choice += step.seconds
+        self._since_choice += learnt_s
         if self._since_choice >= CHOOSE_S:
             self._since_choice = 0.0
             self._chosen = self._misses.argmin(axis=1).tolist()

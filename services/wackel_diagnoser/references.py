@@ -85,19 +85,13 @@ class ReferenceErrors:
         self._since_look = 0.0
         self.found: WrongZero | None = None
 
-    def step(self, measured: Measured, seconds: float, usable: bool) -> WrongZero | None:
-        """Takes in a step; gives the error that is known.
-
-        Args:
-            measured: Its rows.
-            seconds: Its length.
-            usable: Whether wheels and gyro are free of other faults.
-        """
+    def step(self, measured: Measured, seconds: float) -> None:
+        """Takes in rows in which nothing else is suspected, and for how long they stand."""
         gyros = measured.z[self._rows.gyros]
-        if not (self._possible and usable and len(gyros) and bool(measured.present.all())):
+        if not (self._possible and len(gyros) and bool(measured.present.all())):
             self._open[:] = 0.0
             self._open_s = 0.0
-            return self.found
+            return
         n = self._n
         seen = measured.h[: 2 * n] @ self._yaw
         rolled = measured.z[self._rows.rolls]
@@ -120,7 +114,6 @@ class ReferenceErrors:
         if self._since_look >= LOOK_S:
             self._since_look = 0.0
             self.found = self._look()
-        return self.found
 
     def _look(self) -> WrongZero | None:
         """The error that explains most beyond calibration, if it is sure and clear."""
