@@ -1,6 +1,7 @@
 """``wackel demo``: a virtual robot drives; every ten seconds a fault is injected and named."""
 
 import argparse
+import socket
 import sys
 import time
 from collections.abc import Callable
@@ -29,6 +30,8 @@ from wackel_schemas.bus import BusRequest
 from wackel_schemas.health import FaultRecord
 from wackel_schemas.keys import BUS_REQUEST, VIRTUAL_REQUEST
 from wackel_schemas.virtual import Injection, VirtualRequest
+from wackel_view.__main__ import PORT as VIEW_PORT
+from wackel_view.__main__ import write_layout
 
 PERIOD_S = 10.0
 SHOWN_S = 6.0  # how long a fault stays at least, so that one can read it
@@ -98,6 +101,9 @@ def main(argv: list[str]) -> int:
     )
     parser.add_argument("--plain", action="store_true", help="lines of text instead of the view")
     parser.add_argument(
+        "--view", action="store_true", help="show the robot in a Foxglove viewer, too"
+    )
+    parser.add_argument(
         "--faults", type=int, metavar="N", help="end after N faults (default: go on until stopped)"
     )
     arguments = parser.parse_args(argv)
@@ -107,15 +113,22 @@ def main(argv: list[str]) -> int:
         config = _config(Path(directory))
         path = Path(directory) / "robot.toml"
         path.write_text(dump(config), encoding="utf-8")
+        jobs = _jobs(config, path)
+        if arguments.view:
+            port, layout = _viewer_port(), Path(directory) / "layout.json"
+            jobs.append(Job("view", ("view", "--config", str(path), "--port", str(port))))
+            write_layout(layout)
         with (
             (Path(directory) / "services.log").open("w", encoding="utf-8") as services_log,
             rendezvous(config) as link,
             stopped_by_signals(link) as stopped,
-            supervised(link, _jobs(config, path), _note, services_log) as supervisor,
+            supervised(link, jobs, _note, services_log) as supervisor,
         ):
             log.set_up("demo")
             show = Show(link, config, arguments.faults)
             show.tell(f"look: wackel top --config {path}")
+            if arguments.view:
+                show.tell(f"view: ws://127.0.0.1:{port} with the layout {layout}")
             view = _plain if plain else _live
 
             def going_on() -> bool:
@@ -262,6 +275,18 @@ def _jobs(config: RobotConfig, path: Path) -> list[Job]:
         *with_physics(robot_jobs(config, path, virtual=True), physics),
         Job(PILOT, pilot, after=(f"gateway/{BUS}",)),
     ]
+
+
+def _viewer_port() -> int:
+    """Where viewers look first, or else any that is free."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", VIEW_PORT))
+        except OSError:
+            probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
 
 
 if __name__ == "__main__":

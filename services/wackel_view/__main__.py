@@ -50,7 +50,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--layout", metavar="FILE", type=Path, help="write the layout, and end")
     arguments = parser.parse_args(argv)
     if arguments.layout is not None:
-        _write(arguments.layout)
+        write_layout(arguments.layout)
         return OK
     config = config_of(arguments)
 
@@ -66,7 +66,12 @@ def _port(text: str) -> int:
     return int(text)
 
 
-def _write(path: Path) -> None:
+def write_layout(path: Path) -> None:
+    """Writes the prepared layout, for a viewer to import.
+
+    Raises:
+        NotWritable: It cannot be written there.
+    """
     from wackel_view.layout import layout
 
     try:

@@ -1,13 +1,18 @@
 """``wackel demo`` without a terminal: a story in lines, and nothing left of it."""
 
+import contextlib
 import os
 import re
+import signal
 import tempfile
 from pathlib import Path
 
 import pytest
 
-from tests.end_to_end.command import wackel
+from tests.conftest import wait_until
+from tests.end_to_end.command import LIMIT_S, read_until, started, wackel
+from tests.view.viewer import Viewer
+from wackel_view.core import ROBOT
 
 pytestmark = pytest.mark.process
 
@@ -26,6 +31,40 @@ def test_the_demo_names_its_faults_and_leaves_nothing_behind(
     assert done.stdout.count("→") == 2
     assert list(tmp_path.iterdir()) == []
     assert not processes_with(tmp_path)
+
+
+def test_the_demo_can_be_looked_at_in_a_viewer(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    with started("demo", "--plain", "--view", cwd=tmp_path) as demo:
+        told = read_until(demo, "view: ")
+        found = re.search(r"view: ws://127.0.0.1:(\d+) with the layout (\S+)", told)
+        assert found is not None
+        assert "ThreeDee" in Path(found[2]).read_text()
+        with _connected(int(found[1])) as viewer:
+            viewer.subscribe(ROBOT)
+            while (shown := viewer.next()) is None:
+                pass
+            assert b"wheel w1" in shown.payload
+        demo.send_signal(signal.SIGINT)
+        assert demo.wait(10) == 0
+    assert not processes_with(tmp_path)
+
+
+def _connected(port: int) -> Viewer:
+    """A viewer that has been told of all topics; the server may still be starting."""
+    viewers: list[Viewer] = []
+
+    def connected() -> bool:
+        with contextlib.suppress(ConnectionError):
+            viewers.append(Viewer(port))
+        return bool(viewers)
+
+    wait_until(connected, LIMIT_S)
+    while ROBOT not in viewers[0].channels:
+        viewers[0].next()
+    return viewers[0]
 
 
 def processes_with(directory: Path) -> list[str]:

@@ -27,7 +27,7 @@ class Viewer:
     """
 
     def __init__(self, port: int) -> None:
-        self._socket = socket.create_connection(("127.0.0.1", port), timeout=10)
+        self._socket = socket.create_connection(("127.0.0.1", port), timeout=30)
         self._buffer = b""
         key = base64.b64encode(os.urandom(16)).decode()
         request = (
