@@ -112,15 +112,18 @@ class Alignment:
         ]
         if not relevant or not self._fits(state.stamp, bus):
             return
-        done = self._done or 0
+        stamp, done, taken = state.stamp, self._done or 0, False
         for servo in relevant:
-            if not (_within(servo.position, MOST_ANGLE) and _within(servo.velocity, MOST_RATE)):
+            position, velocity = servo.position, servo.velocity
+            if not (_within(position, MOST_ANGLE) and _within(velocity, MOST_RATE)):
                 self._refuse(component.servo(bus, servo.id), "implausible")
                 continue
-            arrival = tracks[servo.id].add(state.stamp, servo.position, servo.velocity, done)
+            arrival = tracks[servo.id].add(stamp, position, velocity, done)
             if arrival == "kept" or self._taken(component.servo(bus, servo.id), arrival):
-                self._wheels_newest = max(self._wheels_newest, state.stamp)
-                self._newer(state.stamp)
+                taken = True
+        if taken:
+            self._wheels_newest = max(self._wheels_newest, stamp)
+            self._newer(stamp)
 
     def gyro(self, name: str, sample: ImuSample) -> float | None:
         """Takes in a gyro's sample.

@@ -7,9 +7,14 @@ nearest turn that the velocity allows.
 
 import math
 from bisect import bisect_left, bisect_right
+from itertools import pairwise
+from operator import itemgetter
 from typing import Literal
 
 Arrival = Literal["kept", "reordered", "repeated", "late", "flood"]
+Sample = tuple[int, float | None, float | None]
+"""Stamp, angle, rate."""
+_STAMP = itemgetter(0)
 
 TURN = 2 * math.pi
 LONGEST_GAP_NS = 250_000_000
@@ -30,9 +35,7 @@ class Track:
     def __init__(self) -> None:
         self.newest: int | None = None
         self.present = False
-        self._stamps: list[int] = []
-        self._angles: list[float | None] = []
-        self._rates: list[float | None] = []
+        self._samples: list[Sample] = []
 
     def add(self, stamp: int, angle: float | None, rate: float | None, done: int) -> Arrival:
         """Takes in a sample.
@@ -48,49 +51,45 @@ class Track:
             ``repeated``: one of this stamp is there; ``late``: the steps that it belongs to have
             been made; ``flood``: too many wait.
         """
-        stamps = self._stamps
+        samples = self._samples
         newest = self.newest
         if newest is None or stamp > newest:
-            if len(stamps) >= MOST:
+            if len(samples) >= MOST:
                 return "flood"
             self.newest = stamp
             self.present = True
-            stamps.append(stamp)
-            self._angles.append(angle)
-            self._rates.append(rate)
+            samples.append((stamp, angle, rate))
             return "kept"
-        at = bisect_left(stamps, stamp)
-        if at < len(stamps) and stamps[at] == stamp:
+        at = bisect_left(samples, (stamp,))
+        if at < len(samples) and samples[at][0] == stamp:
             return "repeated"
         if stamp <= done:
             return "late"
-        if len(stamps) >= MOST:
+        if len(samples) >= MOST:
             return "flood"
-        stamps.insert(at, stamp)
-        self._angles.insert(at, angle)
-        self._rates.insert(at, rate)
+        samples.insert(at, (stamp, angle, rate))
         return "reordered"
 
     def after(self, stamp: int) -> int | None:
         """Stamp of the first sample at or after a time; ``None`` if there is none."""
-        at = bisect_left(self._stamps, stamp)
-        return self._stamps[at] if at < len(self._stamps) else None
+        at = bisect_left(self._samples, (stamp,))
+        return self._samples[at][0] if at < len(self._samples) else None
 
     def turned(self, begin: int, end: int) -> float | None:
         """Angle turned between two times, rad; ``None`` where samples do not cover them."""
-        stamps = self._stamps
-        if len(stamps) > 1 and stamps[0] == begin and stamps[1] == end:
-            return self._between(0, end - begin)
-        first = bisect_right(stamps, begin) - 1
-        last = bisect_left(stamps, end)
-        if first < 0 or last >= len(stamps):
+        samples = self._samples
+        if len(samples) > 1 and samples[0][0] == begin and samples[1][0] == end:
+            return _between(samples[0], samples[1])
+        first = self._at_or_before(begin)
+        last = bisect_left(samples, (end,))
+        if first < 0 or last >= len(samples):
             return None
         total = 0.0
-        for k in range(first, last):
-            low, high = stamps[k], stamps[k + 1]
-            turned = self._between(k, high - low)
+        for before, after in pairwise(samples[first : last + 1]):
+            turned = _between(before, after)
             if turned is None:
                 return None
+            low, high = before[0], after[0]
             if low < begin or high > end:
                 turned *= (min(high, end) - max(low, begin)) / (high - low)
             total += turned
@@ -98,41 +97,44 @@ class Track:
 
     def angle(self, at: int) -> float | None:
         """The angle at a time, rad, up to whole turns; ``None`` where samples do not cover it."""
-        stamps = self._stamps
-        if stamps and stamps[0] == at:
-            return self._angles[0]
-        k = bisect_right(stamps, at) - 1
+        samples = self._samples
+        if samples and samples[0][0] == at:
+            return samples[0][1]
+        k = self._at_or_before(at)
         if k < 0:
             return None
-        angle = self._angles[k]
-        if angle is None or stamps[k] == at:
+        stamp, angle, _ = samples[k]
+        if angle is None or stamp == at:
             return angle
-        turned = self.turned(stamps[k], at)
+        turned = self.turned(stamp, at)
         return None if turned is None else angle + turned
 
     def forget(self, before: int) -> None:
         """Drops samples that times from ``before`` on do not need."""
-        stamps = self._stamps
-        if len(stamps) > 1 and stamps[1] <= before:
-            needless = bisect_right(stamps, before) - 1
-            del self._stamps[:needless], self._angles[:needless], self._rates[:needless]
+        samples = self._samples
+        if len(samples) > 1 and samples[1][0] <= before:
+            del samples[: self._at_or_before(before)]
 
     def clear(self) -> None:
         """Drops all: the next sample is an offset, not a motion."""
         self.newest = None
         self.present = False
-        self._stamps.clear()
-        self._angles.clear()
-        self._rates.clear()
+        self._samples.clear()
 
-    def _between(self, k: int, ns: int) -> float | None:
-        """Angle turned from sample k to the next."""
-        if ns > LONGEST_GAP_NS:
-            return None
-        rate, next_rate = self._rates[k], self._rates[k + 1]
-        told = None if rate is None or next_rate is None else (rate + next_rate) * 0.5e-9 * ns
-        angle, next_angle = self._angles[k], self._angles[k + 1]
-        if angle is None or next_angle is None:
-            return told
-        change = next_angle - angle
-        return change - TURN * round((change - (told or 0.0)) / TURN)
+    def _at_or_before(self, at: int) -> int:
+        """Number of the last sample that is not after a time, -1 if there is none."""
+        return bisect_right(self._samples, at, key=_STAMP) - 1
+
+
+def _between(before: Sample, after: Sample) -> float | None:
+    """Angle turned from one sample to the next."""
+    stamp, angle, rate = before
+    next_stamp, next_angle, next_rate = after
+    ns = next_stamp - stamp
+    if ns > LONGEST_GAP_NS:
+        return None
+    told = None if rate is None or next_rate is None else (rate + next_rate) * 0.5e-9 * ns
+    if angle is None or next_angle is None:
+        return told
+    change = next_angle - angle
+    return change - TURN * round((change - (told or 0.0)) / TURN)

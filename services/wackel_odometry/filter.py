@@ -40,6 +40,7 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
     def __init__(self, bias_sigma: Floats, bias_stability: Floats) -> None:
         size = FIRST_BIAS + len(bias_sigma)
         super().__init__(dim_x=size, dim_z=1)
+        self.Q = np.zeros((size, size))  # what wanders does so before the pose moves by it
         self._bias_variance = np.square(bias_sigma)
         self._walk = np.concatenate([np.zeros(3), AGILITY, bias_stability**2 / BIAS_TIME_S])
         self.seconds = 0.0
@@ -69,9 +70,9 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         self.P[POSE, POSE] = np.diag([position_sigma**2, position_sigma**2, heading_sigma**2])
 
     def predict_x(self, u: float = 0.0) -> None:  # noqa: ARG002 (filterpy's signature)
-        """Moves the state on by ``seconds``, and sets F and Q accordingly."""
+        """Moves the state on by ``seconds``, lets it wander meanwhile, and sets F accordingly."""
         dt = self.seconds
-        x, y, theta, vx, vy, omega = (float(value) for value in self.x[:FIRST_BIAS])
+        x, y, theta, vx, vy, omega = self.x[:FIRST_BIAS].tolist()
         half = omega * dt / 2
         middle = theta + half
         chord = math.sin(half) / half * dt if half else dt
@@ -83,8 +84,7 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         f[0, 3], f[0, 4], f[0, 5] = cos, -sin, -dy * dt / 2
         f[1, 3], f[1, 4], f[1, 5] = sin, cos, dx * dt / 2
         f[2, 5] = dt
-        # The walk of the twist has happened before the pose moves by it.
-        self.Q = (f * (self._walk * dt)) @ f.T
+        self.P.flat[:: len(f) + 1] += self._walk * dt
 
     def correct(self, z: Floats, h: Floats, variance: Floats, learn_bias: bool) -> None:
         """Takes in measurements.
@@ -116,9 +116,9 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
 
     def sound(self) -> bool:
         """Whether the state is one: finite, of this world, with variances that are not negative."""
-        total = float(self.x.sum() + self.P.sum())  # not finite if any of them is not
+        state, covariance = self.x.tolist(), self.P.ravel().tolist()
         return (
-            math.isfinite(total)
-            and float(self.P.diagonal().min()) >= 0.0
-            and all(abs(speed) < FASTEST for speed in self.x[TWIST].tolist())
+            math.isfinite(sum(state) + sum(covariance))  # not so if any of them is not
+            and min(covariance[:: len(state) + 1]) >= 0.0
+            and all(abs(speed) < FASTEST for speed in state[TWIST])
         )

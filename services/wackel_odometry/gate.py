@@ -43,18 +43,23 @@ def gate(innovation: Floats, h: Floats, covariance: Floats, variance: Floats) ->
     """
     s = h @ covariance @ h.T
     s.flat[:: len(s) + 1] += variance
-    alone, sigma = _left_out(s, innovation)
-    worst = (alone / sigma) ** 2
-    kept = np.arange(len(innovation))
-    all_alone, all_sigma = alone, sigma
-    while worst.max(initial=0.0) > GATE:
-        kept = np.delete(kept, worst.argmax())
+    alone, sigma = all_alone, all_sigma = _left_out(s, innovation)
+    accepted = np.ones(len(innovation), dtype=np.bool_)
+    while (worst := _worst(alone, sigma)) is not None:
+        accepted[accepted.nonzero()[0][worst]] = False
+        kept = accepted.nonzero()[0]
         alone, sigma = _left_out(s[np.ix_(kept, kept)], innovation[kept])
         all_alone[kept], all_sigma[kept] = alone, sigma
-        worst = (alone / sigma) ** 2
-    accepted = np.zeros(len(innovation), dtype=np.bool_)
-    accepted[kept] = True
     return Verdict(accepted, all_alone, all_sigma)
+
+
+def _worst(alone: Floats, sigma: Floats) -> int | None:
+    """Which is the farthest off; ``None`` if none is beyond the gate."""
+    if not len(alone):
+        return None
+    off = np.abs(alone / sigma)
+    at = int(off.argmax())
+    return at if off[at] ** 2 > GATE else None
 
 
 def _left_out(s: Floats, y: Floats) -> tuple[Floats, Floats]:
