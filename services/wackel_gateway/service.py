@@ -1,6 +1,5 @@
 """One gateway process: the node, the publishing side, and the mode that owns the bus."""
 
-import gc
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -44,8 +43,5 @@ def run(config: RobotConfig, bus: str) -> None:
     with Node("gateway", bus, config) as node:
         reporter = Reporter(node, bus, bus_config, roster)
         owner = _MODES[bus_config.mode](node, bus, bus_config, reporter)
-        # What exists by now stays; collecting garbage then costs microseconds, not milliseconds.
-        gc.collect()
-        gc.freeze()
         node.ready()
         owner.run()
