@@ -1,12 +1,13 @@
 """``wackel config`` prints what is in force."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
 
 from wackel_cli.config import main
-from wackel_node.config import RobotConfig, parse
+from wackel_node.config import RobotConfig, dump, parse
 
 TEXT = '[buses.main]\nport = "/dev/ttyUSB0"\nservos = [{id = 3}]\n'
 
@@ -26,6 +27,22 @@ def test_what_is_in_force_is_printed_with_every_default(
     assert parse(text) == parse(TEXT)
     assert "baud_rate = 1000000" in text
     assert "# nominal_voltage is absent" in text
+
+
+def test_every_setting_is_explained(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--explain"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    heads = [line for line in lines if line.startswith("[")]
+    assert {"[buses.NAME]", "[[buses.NAME.servos]]", "[[drive.wheels]]"} <= {*heads}
+    assert len(heads) == len({*heads})
+    assert "  baud_rate             Bit/s. (default: 1000000)" in lines
+    settings = [line.split(maxsplit=1) for line in lines if re.match(r"  \w", line)]
+    for name in dump(RobotConfig()).splitlines():
+        key = name.removeprefix("# ").partition(" ")[0]
+        if key and not key.startswith("["):
+            assert any(setting[0] == key or f"[{key}]" in heads for setting in settings), key
+    assert all(len(setting) == 2 and setting[1][0] != "(" for setting in settings)
 
 
 def test_programs_get_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -259,3 +259,9 @@ def test_a_robot_without_wheels_has_no_drive_to_break():
     assert scenario.parse_scenario("").make_drive({}) is None
     with pytest.raises(ConfigError, match=r"the robot has no \[drive\]"):
         scenario.parse_scenario('[[faults]]\nkind = "push"')
+
+
+def test_the_example_in_the_documentation_is_a_scenario():
+    example = Path(__file__).parents[2] / "docs" / "examples" / "broken-cable.toml"
+    kinds = [fault.kind for fault in scenario.load_scenario(example).faults]
+    assert kinds == ["loose_contact", "break"]
