@@ -12,8 +12,10 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 
+from wackel_imu.device import DeviceLost, find
 from wackel_node.arguments import config_of
 from wackel_node.config import BusConfig, RobotConfig
+from wackel_node.config_drive import GyroConfig
 from wackel_node.errors import FAILED, OK
 
 PYTHON = (3, 11)
@@ -54,6 +56,9 @@ def examine(config: RobotConfig, root: Path = Path("/")) -> Iterator[Finding]:
         yield Finding(
             "buses", "warning", "no bus is configured", "`wackel scan --write robot.toml`"
         )
+    for name, gyro in config.gyros.items():
+        if gyro.source == "iio":
+            yield _gyro(name, gyro, root)
     yield _modem_manager(root)
     yield _governor(root)
 
@@ -143,6 +148,23 @@ def _latency_timer(name: str, bus: BusConfig, root: Path) -> Finding | None:
         f"{text} ms: answers wait that long in the adapter",
         "install compose/udev/99-wackel.rules and plug the adapter again",
     )
+
+
+def _gyro(name: str, gyro: GyroConfig, root: Path) -> Finding:
+    check = f"gyro {name}"
+    try:
+        directory = find(gyro.device or "", root / "sys")
+    except DeviceLost as lost:
+        remedy = f"load its driver, or correct `device` of gyros.{name} in robot.toml"
+        return Finding(check, "bad", str(lost), remedy)
+    switch, node = directory / "buffer/enable", root / "dev" / directory.name
+    if not switch.exists():
+        remedy = "take another driver, or publish its samples yourself (source = 'topic')"
+        return Finding(check, "bad", f"the driver of {gyro.device} has no buffer", remedy)
+    if not (os.access(switch, os.W_OK) and os.access(node, os.R_OK)):
+        remedy = "install compose/udev/99-wackel.rules, then `sudo udevadm trigger`"
+        return Finding(check, "bad", f"{_user()} may not set up and read {node}", remedy)
+    return Finding(check, "good", f"{gyro.device} can be read at {node}")
 
 
 def _modem_manager(root: Path) -> Finding:

@@ -6,8 +6,10 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import Rendezvous
+from tests.imu.tree import Tree
 from wackel_cli.doctor import Finding, examine, main
 from wackel_node.config import BusConfig, RobotConfig, ZenohConfig, dump
+from wackel_node.config_drive import GyroConfig
 
 NOWHERE = ZenohConfig(endpoint="tcp/127.0.0.1:9")  # discard: nothing listens there
 
@@ -69,6 +71,23 @@ def test_a_port_that_may_not_be_opened_names_the_group(
 
 def test_an_adapter_without_latency_timer_is_not_asked(config: RobotConfig, tmp_path: Path) -> None:
     assert "latency timer of bus main" not in found(config, tmp_path)
+
+
+def test_a_gyro_of_the_computer_is_looked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gyro = GyroConfig(source="iio", device="lsm6dsl_gyro")
+    config = RobotConfig(zenoh=NOWHERE, gyros={"body": gyro, "head": GyroConfig()})
+    none = found(config, tmp_path)["gyro body"]
+    assert (none.result, "there are none" in none.seen) == ("bad", True)
+    tree = Tree(tmp_path)
+    assert found(config, tmp_path)["gyro body"].result == "good"
+    assert "gyro head" not in found(config, tmp_path)
+    monkeypatch.setattr("os.access", lambda *_: False)  # root may do all
+    forbidden = found(config, tmp_path)["gyro body"]
+    assert (forbidden.result, "99-wackel.rules" in forbidden.remedy) == ("bad", True)
+    (tree.directory / "buffer/enable").unlink()
+    assert "no buffer" in found(config, tmp_path)["gyro body"].seen
 
 
 def test_no_bus_at_all_is_a_warning(tmp_path: Path) -> None:
