@@ -30,8 +30,10 @@ STEP_S = 0.002
 """The longest; a step of the body is a whole number of them."""
 MASS_KG = 1.0
 """Of the robot, per wheel; motion does not depend on it, since all forces are by weight."""
-WHEEL_SHARE = 0.02
-"""Mass of a wheel by that of the robot per wheel."""
+WHEEL_SHARE = 0.1
+"""Mass of a wheel, with what steers it, by that of the robot per wheel. Lighter wheels hop where
+they slide, at steps of this length; with this one a robot that drags a blocked wheel moves as in
+steps ten times as short, and as on the fast body."""
 SPRING_M = 0.1
 """How far the springs are compressed: a wheel that rises by 1 mm carries 1 % more."""
 
