@@ -17,18 +17,20 @@ from wackel_schemas.health import FaultRecord, Health, HealthRequest
 _EPILOG = """\
 examples:
   wackel health
-  wackel health && start-walking              in scripts: 0 only if all is well
-  wackel health ack                           everything has been seen
+  wackel health && start-walking    in scripts: 0 only if all is well
+  wackel health ack                 everything has been seen
   wackel health ack cable_break bus/main/cable/3-7
-  wackel health clear                         forget all that has healed; what is active stays
+  wackel health clear               forget all that has healed; the rest stays
 
-exit codes: 0 all well (or done), 1 not well (or refused), 2 wrong usage, 3 no robot reached
+exit codes: 0 all well (or done), 1 not well (or refused), 2 wrong usage,
+3 no robot reached
 """
 _OPERATIONS: dict[str, Literal["get", "acknowledge", "clear"]] = {
     "show": "get",
     "ack": "acknowledge",
     "clear": "clear",
 }
+_LABEL = 10  # columns before what is said
 _STYLES = {"confirmed": "red", "pending": "yellow", "unknown": "yellow", "healed": "green"}
 
 
@@ -46,7 +48,9 @@ def main(argv: list[str]) -> int:
     if arguments.json:
         print(msgspec.json.format(msgspec.json.encode(reply), indent=2).decode())
     elif operation == "get" and health is not None:
-        Console(highlight=False, soft_wrap=True).print(as_text(health))
+        console = Console(highlight=False, soft_wrap=True)
+        text = as_text(health)
+        console.print(folded(text, console) if console.is_terminal else text)
     else:
         print(reply.text, file=sys.stdout if reply.ok else sys.stderr)
     if operation == "get":
@@ -62,14 +66,29 @@ def as_text(health: Health) -> Text:
     for service in health.services:
         if service.status != "ready" or service.reason:
             reason = f": {service.reason}" if service.reason else ""
-            lines.append(Text(f"{service.status:<10}{service.name}{reason}", style="yellow"))
+            lines.append(Text(f"{service.status:<{_LABEL}}{service.name}{reason}", style="yellow"))
     return Text("\n").join(lines)
+
+
+def folded(text: Text, console: Console) -> Text:
+    """The text of :func:`as_text` in a terminal's width; what is folded goes on below itself."""
+    summary, *lines = text.split("\n")
+    shown = [*summary.wrap(console, console.width)]
+    for line in lines:
+        label, said = line.divide([_LABEL])
+        first, *rest = said.wrap(console, console.width - _LABEL)
+        shown += [label + first, *(Text(" " * _LABEL) + part for part in rest)]
+    for line in shown:
+        line.rstrip()
+    return Text("\n").join(shown)
 
 
 def _fault_lines(fault: FaultRecord) -> list[Text]:
     told = [
-        Text(f"{fault.status:<10}", style=_STYLES[fault.status]).append(fault.message, "default"),
-        Text(f"{'':10}{fault.code} {fault.component}", style="dim"),
+        Text(f"{fault.status:<{_LABEL}}", style=_STYLES[fault.status]).append(
+            fault.message, "default"
+        ),
+        Text(f"{'':{_LABEL}}{fault.code} {fault.component}", style="dim"),
     ]
     if fault.acknowledged:
         told[-1].append(", acknowledged")
@@ -78,9 +97,9 @@ def _fault_lines(fault: FaultRecord) -> list[Text]:
     if fault.inhibited_by:
         told[-1].append(f", follows from {fault.inhibited_by}")
     if fault.suspects:
-        told.append(Text(f"{'':10}or else: {', '.join(fault.suspects)}", style="dim"))
+        told.append(Text(f"{'':{_LABEL}}or else: {', '.join(fault.suspects)}", style="dim"))
     if fault.status != "healed":
-        told.append(Text(f"{'':10}→ {fault.remedy}"))
+        told.append(Text(f"{'':{_LABEL}}→ {fault.remedy}"))
     return told
 
 

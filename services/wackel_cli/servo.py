@@ -16,13 +16,14 @@ from wackel_schemas.bus import BusRequest
 _EPILOG = """\
 examples:
   wackel servo ping 5
-  wackel servo reboot 5                     the only way to clear a hardware error
+  wackel servo reboot 5                       clears a hardware error
   wackel servo read 5 present_position
-  wackel servo write 5 return_delay_time 0  the raw value, as in the model's control table
-  wackel servo factory-reset 5 --yes        all registers but id and baud rate
+  wackel servo write 5 return_delay_time 0    raw, as in the control table
+  wackel servo factory-reset 5 --yes          all registers but id and baud rate
 
-The gateway does it between two cycles, so the robot goes on meanwhile. In the modes proxy and tap
-the gateway sends nothing of its own: there the control software has to do it.
+The gateway does it between two cycles, so the robot goes on meanwhile. In the
+modes proxy and tap the gateway sends nothing of its own: there the control
+software has to do it.
 
 exit codes: 0 done, 1 the servo did not do it, 2 wrong usage, 3 no robot reached
 """

@@ -76,8 +76,9 @@ def main(argv: list[str]) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="wackel record",
-        description="Records all topics of the robot into MCAP files, until Ctrl-C. At most half\n"
-        "a second is lost if the recorder is killed; play or replay read whatever is there.",
+        description="Records all topics of the robot into MCAP files, until Ctrl-C. At most\n"
+        "half a second is lost if the recorder is killed; play or replay read whatever\n"
+        "is there.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

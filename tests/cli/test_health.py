@@ -4,9 +4,10 @@ import json
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
 from tests import robot
-from wackel_cli.health import as_text, main
+from wackel_cli.health import as_text, folded, main
 from wackel_schemas.health import FaultRecord, Health, ServiceHealth
 
 
@@ -51,6 +52,19 @@ def test_every_fault_stands_there_with_place_and_remedy_and_services_only_if_not
         "healed    The cable is disconnected.",
         "          cable_break bus/main/cable/1-2, acknowledged, 3 times",
         "crashed   odometry/main: ValueError",
+    ]
+
+
+def test_on_a_narrow_terminal_what_is_folded_goes_on_below_itself() -> None:
+    health = Health(stamp=1, level="fault", summary="The cable is loose.", faults=[record()])
+    assert folded(as_text(health), Console(width=30)).plain.splitlines() == [
+        "The cable is loose.",
+        "confirmed The cable is",
+        "          disconnected.",
+        "          cable_break",
+        "          bus/main/cable/1-2",
+        "          → Push both plugs",
+        "          home.",
     ]
 
 
