@@ -12,6 +12,7 @@ from wackel_schemas.residuals import Residuals
 
 _OF_WHEEL_3 = "tab:red"
 _OTHERS = "tab:blue"
+_SIDEWAYS_M_S = 0.5
 _AXES = ("vx, m/s", "vy, m/s", "ω, rad/s")
 
 
@@ -54,6 +55,8 @@ def _velocity_space(axes: Any, residuals: Residuals | None, title: str) -> None:
         set_label(name)
     if residuals is None:
         return
+    # Candidates differ little in vy; alone it would fill its axis.
+    axes.set_ylim(-_SIDEWAYS_M_S, _SIDEWAYS_M_S)
     for candidate in residuals.candidates:
         point = candidate.vx, candidate.vy, candidate.omega
         if None in point or candidate.singular:

@@ -43,6 +43,7 @@ class PaperLog:
         residuals: With their times.
         faults: Confirmed and healed, with their times.
         yaw_rates: Of the gyro, with their times, rad/s.
+        wanted_yaw_rates: Of the commands, with their times, rad/s.
     """
 
     def __init__(self, drive: DriveConfig) -> None:
@@ -55,6 +56,7 @@ class PaperLog:
         self.residuals: list[tuple[float, Residuals]] = []
         self.faults: list[tuple[float, FaultReport]] = []
         self.yaw_rates: list[tuple[float, float]] = []
+        self.wanted_yaw_rates: list[tuple[float, float]] = []
 
     @property
     def started(self) -> bool:
@@ -74,6 +76,7 @@ class PaperLog:
         motion = inverse(self._layout.drive, twist, self._steering)
         self._steering = motion.steering
         self.wanted.append((self._since(command.stamp), motion.wheel_rate.tolist()))
+        self.wanted_yaw_rates.append((self._since(command.stamp), command.omega))
 
     def on_state(self, state: BusState) -> None:
         """Takes in what the servos do."""
@@ -135,9 +138,10 @@ class PaperLog:
         return shares
 
     def mean_yaw(self, phase: tuple[float, float]) -> float:
-        """Mean yaw rate by the gyro, rad/s; NaN where nothing was heard."""
+        """Mean yaw rate by the gyro by what was wanted; NaN where nothing was heard."""
         turns = [rate for at, rate in self.yaw_rates if phase[0] <= at <= phase[1]]
-        return fmean(turns) if turns else float("nan")
+        wanted = [rate for at, rate in self.wanted_yaw_rates if phase[0] <= at <= phase[1]]
+        return fmean(turns) / fmean(wanted) if turns and any(wanted) else float("nan")
 
     def _since(self, stamp: int) -> float:
         return (stamp - (self._start_ns or stamp)) / 1e9

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from wackel_cli.paper import main
@@ -91,7 +92,8 @@ def test_signatures_and_verdicts_are_counted_by_phase(heard: PaperLog) -> None:
 def test_rates_are_compared_with_what_was_wanted(heard: PaperLog) -> None:
     assert heard.mean_rates((10.0, 30.0)) == pytest.approx([1.0, 1.0, 1.0])
     assert heard.mean_rates((40.0, 50.0)) == pytest.approx([0.9, 0.9, 0.0])
-    assert heard.mean_yaw((10.0, 30.0)) == pytest.approx(1.5)
+    assert heard.mean_yaw((10.0, 30.0)) == pytest.approx(1.0)
+    assert heard.mean_yaw((40.0, 50.0)) == pytest.approx(0.1 / 1.5)
 
 
 def test_what_came_before_the_first_command_does_not_count() -> None:
@@ -114,9 +116,18 @@ def test_the_text_tells_signatures_verdicts_and_differences(heard: PaperLog) -> 
     assert "  111111  100.0%" in text
     assert "Step III: wheel/w3/drive 100.0%" in text
     assert "wheel 1 0.90, wheel 2 0.90, wheel 3 0.00" in text
-    assert "yaw rate 0.10 rad/s, before 1.50 rad/s" in text
+    assert "mean yaw rate by what was wanted: 0.07" in text
     assert "36.05 s  active: The drive of wheel w3 is blocked." in text
     assert "25% of the speed at 2 Hz" in text
+    assert "itself was late" not in text
+
+
+def test_a_computer_that_was_late_is_told(heard: PaperLog) -> None:
+    _, blocked = heard.faults[0]
+    heard.on_fault(msgspec.structs.replace(blocked, code="host_lag", component="bus/main"))
+    text = story(heard, play=0.25, hertz=2.0)
+    assert "itself was late" in text
+    assert text.count("is blocked.") == 1
 
 
 def test_a_phase_without_residuals_says_so() -> None:
