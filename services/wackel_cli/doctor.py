@@ -5,6 +5,7 @@ import json
 import os
 import platform
 import pwd
+import stat
 import sys
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
@@ -114,9 +115,17 @@ def _port(name: str, bus: BusConfig) -> Finding:
             check,
             "bad",
             f"{_user()} may not open {port}",
-            f"`sudo usermod -aG {_group_of(port)} {_user()}`, then log in again",
+            _permit(port),
         )
     return Finding(check, "good", f"{port} can be opened")
+
+
+def _permit(port: Path) -> str:
+    """How to get access: by joining the port's group, if that has access and is not root's."""
+    group, mode = _group_of(port), port.stat().st_mode
+    if group != "root" and mode & stat.S_IRGRP and mode & stat.S_IWGRP:
+        return f"`sudo usermod -aG {group} {_user()}`, then log in again"
+    return f"`sudo chgrp dialout {port} && sudo chmod 660 {port}`, until a udev rule does it"
 
 
 def _user() -> str:

@@ -64,9 +64,14 @@ def test_a_port_that_may_not_be_opened_names_the_group(
     config: RobotConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("os.access", lambda *_: False)  # root may open all
+    monkeypatch.setattr(Path, "group", lambda _: "dialout")
+    port = Path(config.buses["main"].port)
+    port.chmod(0o660)
     finding = found(config, tmp_path)["port of bus main"]
     assert finding.result == "bad"
-    assert finding.remedy.startswith("`sudo usermod -aG ")
+    assert finding.remedy.startswith("`sudo usermod -aG dialout ")
+    port.chmod(0o600)  # a group that has no access is no use to anybody
+    assert "chmod 660" in found(config, tmp_path)["port of bus main"].remedy
 
 
 def test_an_adapter_without_latency_timer_is_not_asked(config: RobotConfig, tmp_path: Path) -> None:
