@@ -47,8 +47,9 @@ class Counters:
         self.totals = totals
         totals.servos = [ServoStatistics(id=servo_id) for servo_id in ids]
         self._servos = {servo.id: servo for servo in totals.servos}
-        # Transactions without any fault by the servos asked: counted in one go, once a period.
-        self._clean: dict[tuple[int, ...], int] = {}
+        # Transactions without any fault, by bytes sent, bytes received and the servos asked: they
+        # are accounted for in one go, once a period.
+        self._clean: dict[tuple[int, int, tuple[int, ...]], int] = {}
         self._responses: dict[int, _Responses] = {}
         self._since_ns = now_ns
         self._cycles = 0
@@ -57,21 +58,16 @@ class Counters:
 
     def count(self, outcome: Outcome) -> None:
         """Accounts for one outcome."""
-        totals = self.totals
         sent, received = len(outcome.instruction), outcome.received_bytes
-        if sent:
-            totals.transactions += 1
-        totals.bytes_sent += sent
-        totals.bytes_received += received
-        self._period_bytes += sent + received
         answers, ids = outcome.answers, outcome.expectation.ids
         if answers.segments is None:
-            totals.packet_bytes += received
-            self._clean[ids] = self._clean.get(ids, 0) + 1
+            kind = sent, received, ids
+            self._clean[kind] = self._clean.get(kind, 0) + 1
             if len(ids) == 1:
                 self._responded(ids[0], outcome)
         else:
-            totals.incomplete += bool(answers.missing)
+            self._carried(sent, received, 1)
+            self.totals.incomplete += bool(answers.missing)
             data = b"".join(data for _, data in outcome.chunks)
             self._account(answers.segments, data, frozenset(ids))
             self._owed(ids, 1)
@@ -102,7 +98,9 @@ class Counters:
 
     def period(self, stamp_ns: int, now_ns: int) -> BusStatistics:
         """The message, with the rates of the period that ends now; begins the next."""
-        for ids, times in self._clean.items():
+        for (sent, received, ids), times in self._clean.items():
+            self._carried(sent, received, times)
+            self.totals.packet_bytes += received * times
             self._owed(ids, times)
             self._received(ids, times)
         self._clean.clear()
@@ -120,6 +118,13 @@ class Counters:
         self._cycles = self._period_bytes = 0
         self._cycle_times_ns = []
         return totals
+
+    def _carried(self, sent: int, received: int, times: int) -> None:
+        totals = self.totals
+        totals.transactions += times if sent else 0
+        totals.bytes_sent += sent * times
+        totals.bytes_received += received * times
+        self._period_bytes += (sent + received) * times
 
     def _owed(self, ids: Iterable[int], times: int) -> None:
         for servo_id in ids:
