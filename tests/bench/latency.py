@@ -1,9 +1,12 @@
 """How long after the wire has shown a fault health tells it, on a whole live robot.
 
-Time runs from the end of the transaction that decided (the evidence), so what a diagnosis has to
-wait for is not counted, until a program that reads ``health`` has the message that first tells the
-fault. An unplugged adapter has no deciding transaction: there it runs from the moment at which the
-virtual bus pulled it.
+Time runs from the end of the detection window: the end of the transaction with which the fault
+could first be told, which is the evidence of its report. What a diagnosis has to wait for (more
+losses, a ping of its own) is before that, and so is the time for which the gateway listens in vain;
+from there on everything counts: publishing, each hop between processes, diagnosis, merging, saving
+the state, until a program that reads ``health`` has the message that first tells the fault. An
+unplugged adapter has no deciding transaction: there it runs from the moment at which the virtual
+bus pulled it.
 """
 
 import tempfile
