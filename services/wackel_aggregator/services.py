@@ -99,11 +99,16 @@ class ServiceBook:
     @property
     def needed(self) -> frozenset[str]:
         """Without which health is unknown; a recording that is played stands for the sensors."""
-        played = any(
+        if not self._is_played:
+            return self._needed
+        return frozenset(name for name in self._needed if not name.startswith(_PLAYED))
+
+    @property
+    def _is_played(self) -> bool:
+        return any(
             name.startswith("playback/") and service.status == "ready"
             for name, service in self._services.items()
         )
-        return frozenset(n for n in self._needed if not (played and n.startswith(_PLAYED)))
 
     def heartbeat(self, name: str, beat: Heartbeat, now: Instant) -> Heartbeat | None:
         """Takes in a sign of life.
@@ -145,8 +150,11 @@ class ServiceBook:
 
     def settle(self, now: Instant) -> None:
         """Judges every service anew."""
+        is_played = self._is_played
         for service in self._services.values():
             status, reason = _judge(service, now.monotonic_ns)
+            if is_played and status in ("starting", "dead") and service.name.startswith(_PLAYED):
+                status, reason = "stopped", "a recording is played in its place"
             if status != service.status:
                 self._log.add(service.name, service.status, status, now)
                 service.since_ns, service.since_utc = now.monotonic_ns, now.utc_ns

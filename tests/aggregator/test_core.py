@@ -383,6 +383,13 @@ def test_a_recording_that_is_played_stands_for_the_gateways() -> None:
     robot.start("classifier/main", CLASSIFIER_BOOT)
     robot.start("playback/main", 8)
     assert robot.health.level == "ok"
+    robot.run(2 * START_UP_S)
+    assert (robot.health.level, robot.health.faults) == ("ok", [])
+    gateway = robot.service("gateway/main")
+    assert (gateway.status, gateway.reason) == ("stopped", "a recording is played in its place")
+    robot.states["playback/main"] = "stopping"
+    robot.run(1)
+    assert robot.health.level == "unknown"  # again nobody tells anything
 
 
 def test_two_processes_under_one_name_are_told_apart_and_do_not_flap(robot: Robot) -> None:
