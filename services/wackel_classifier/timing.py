@@ -63,6 +63,10 @@ LATENCY_CERTAIN = -log(1e-9)
 SOUND_CERTAIN = -log(1e-6)
 """How improbable by chance the evidence must be (Wald's sequential test of the two shares, begun
 anew wherever it falls below zero): as for a servo; a verdict is taken back more easily."""
+LATENCY_SPACING_NS = 20_000_000
+LATENCY_LEAST_NS = 300_000_000
+"""A host that is late is so for some time slices: answers closer together are one piece of
+evidence, and all of it must extend over so long."""
 HOST_BUSY_NS = 1_000_000_000
 HOST_BUSY_SHARE = 0.02
 HOST_BUSY_TIMES = 20
@@ -176,7 +180,7 @@ class Timing:
             stamp: Of the transaction.
         """
         delay = response_ns - answer_bytes * BITS_PER_BYTE * 1_000_000_000 // max(baud_rate, 1)
-        self._adapter.answer(position, delay, self._host_share(now_ns))
+        self._adapter.answer(position, delay, self._host_share(now_ns), now_ns)
         if self._latency_since:
             return  # what is measured through such an adapter tells nothing about single servos
         servo = self._servos[position]
@@ -209,7 +213,7 @@ class Timing:
 
     def late_answer(self, position: int, now_ns: int, stamp: int) -> None:
         """A servo has answered when the host no longer listened."""
-        self._adapter.answer(position, SLOWEST_NS + 1, self._host_share(now_ns))
+        self._adapter.answer(position, SLOWEST_NS + 1, self._host_share(now_ns), now_ns)
         servo = self._servos[position]
         servo.after_time_out += 1
         if now_ns - servo.after_time_out_ns >= LATE_ANSWER_NS and not self._latency_since:
@@ -411,11 +415,17 @@ class _Adapter:
         self._least = min(LATENCY_SERVOS, servos)
         self._recent: deque[tuple[int, int]] = deque(maxlen=LATENCY_SAMPLES)  # position, delay
         self._evidence = 0.0  # that the verdict is wrong
+        self._since_ns = self._counted_ns = -LATENCY_SPACING_NS
         self._late_share = 0.0
 
-    def answer(self, position: int, delay: int, host_share: float) -> None:
+    def answer(self, position: int, delay: int, host_share: float, now_ns: int) -> None:
         """An answer; ``host_share`` of them may be late because the host was late just now."""
         self._recent.append((position, delay))
+        if now_ns - self._counted_ns < LATENCY_SPACING_NS:
+            return
+        self._counted_ns = now_ns
+        if not self._evidence:
+            self._since_ns = now_ns
         late = delay > SLOWEST_NS
         sound = min(max(SOUND_LATE, self._late_share) + host_share, SOUND_LATE_MOST)
         if not self.holds:
@@ -427,7 +437,8 @@ class _Adapter:
                 self.holds, self._evidence = False, 0.0
         else:
             self._evidence = min(max(0.0, self._evidence + odds), LATENCY_CERTAIN)
-            if self._evidence >= LATENCY_CERTAIN and self._is_shared():
+            lasting = now_ns - self._since_ns >= LATENCY_LEAST_NS
+            if self._evidence >= LATENCY_CERTAIN and lasting and self._is_shared():
                 self.holds, self._evidence = True, 0.0
 
     def late(self) -> list[int]:
