@@ -25,10 +25,10 @@ CONFIG = RobotConfig(
 
 
 def drive_with_a_blocked_wheel() -> Iterator[tuple[str, bytes]]:
-    """Fifteen seconds, then the wheel jams."""
+    """Six seconds, then the wheel jams."""
     simulation = DriveSimulation(CONFIG, 3)
-    simulation.inject(Injection(kind="wheel_blocked", wheel="w1", start_s=15.0))
-    for cycle in range(1580):
+    simulation.inject(Injection(kind="wheel_blocked", wheel="w1", start_s=6.0))
+    for cycle in range(680):
         moment = simulation.step(0.4, 0.0, 0.4 * math.sin(cycle / 100))
         yield "command/twist", wire.encode(moment.command)
         yield f"imu/{GYRO}", wire.encode(moment.imu)
