@@ -2,6 +2,7 @@
 
 import argparse
 import itertools
+import shutil
 import sys
 import time
 from collections.abc import Iterator
@@ -163,13 +164,13 @@ def _entries(
 def _show(player: Player, pace: Pace, recordings: list[Recording]) -> None:
     share = sum(recording.progress for recording in recordings) / len(recordings)
     state = "paused" if pace.paused else f"x{pace.speed:g}"
-    print(
-        f"\r{timedelta(seconds=int(player.position_s))}  {share:4.0%}  {state}  "
-        f"{player.messages} messages  (space pause, + - speed, q quit)\x1b[K",
-        end="",
-        file=sys.stderr,
-        flush=True,
+    line = (
+        f"{timedelta(seconds=int(player.position_s))}  {share:4.0%}  {state}  "
+        f"{player.messages} messages  (space pause, + - speed, q quit)"
     )
+    # A line that wraps would not be written over but scroll.
+    width = shutil.get_terminal_size().columns - 1
+    print(f"\r{line[:width]}\x1b[K", end="", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """``wackel record``: all topics of the robot into MCAP files."""
 
 import argparse
+import shutil
 import sys
 import time
 from collections.abc import Callable
@@ -161,13 +162,14 @@ def _progress(start_s: float) -> Callable[[Recorder], None]:
         rate = (stored - last[1]) / max(now - last[0], 1e-3)
         last = (now, stored)
         elapsed = timedelta(seconds=int(now - start_s))
-        print(
-            f"\r{elapsed}  {recorder.writer.messages} messages  {stored / 1e6:.1f} MB  "
-            f"{rate / 1e3:.0f} kB/s  {recorder.writer.path or 'paused'}\x1b[K",
-            end="",
-            file=sys.stderr,
-            flush=True,
+        path = recorder.writer.path
+        line = (
+            f"{elapsed}  {recorder.writer.messages} messages  {stored / 1e6:.1f} MB  "
+            f"{rate / 1e3:.0f} kB/s  {path.name if path else 'paused'}"
         )
+        # A line that wraps would not be written over but scroll.
+        width = shutil.get_terminal_size().columns - 1
+        print(f"\r{line[:width]}\x1b[K", end="", file=sys.stderr, flush=True)
 
     return show
 

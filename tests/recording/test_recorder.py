@@ -1,5 +1,7 @@
 """The recorder as a process on a real robot link: what it keeps, whatever happens to it."""
 
+import os
+import pty
 import resource
 import signal
 import subprocess
@@ -270,3 +272,26 @@ def test_what_cannot_be_recorded_is_told_at_once(
     assert done.returncode in (1, 2)
     assert done.stderr.startswith(f"wackel record: {reason}")
     assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.process
+def test_on_a_narrow_terminal_the_progress_stays_on_one_line(
+    rendezvous: Rendezvous, tmp_path: Path
+) -> None:
+    terminal, side = pty.openpty()
+    path = tmp_path / "robot.toml"
+    path.write_text(dump(rendezvous.config))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "wackel_recorder", "--config", path, "-o", tmp_path / "out"],
+        stderr=side,
+        env={**os.environ, "COLUMNS": "40"},
+    )
+    os.close(side)
+    shown = ""
+    while shown.count("\x1b[K") < 3:
+        shown += os.read(terminal, 4096).decode()
+    process.terminate()
+    assert process.wait(10) == 0
+    os.close(terminal)
+    lines = [line.partition("\x1b[K")[0] for line in shown.split("\r") if "\x1b[K" in line]
+    assert all("messages" in line and len(line) < 40 for line in lines)
