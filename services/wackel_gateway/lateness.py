@@ -15,6 +15,8 @@ _HELD_NS = 18_000_000
 _SHARE = 0.02
 _SAVED_NS = 2 * _HELD_NS
 """Share of the time for listening to those who turn out to be silent, and how much is saved up."""
+_PAUSE_NS = 200_000_000
+"""After listening in vain: who is silent now is so in the next questions, too."""
 
 
 class Lateness:
@@ -23,6 +25,7 @@ class Lateness:
     def __init__(self) -> None:
         self._saved_ns = float(_SAVED_NS)
         self._since_ns: int | None = None
+        self._not_before_ns: int | None = None
 
     def extra_ns(self, reader: AnswerReader, data: bytes, now_ns: int) -> int:
         """How much longer to listen when the time for an answer is over.
@@ -36,14 +39,17 @@ class Lateness:
             self._saved_ns += _SHARE * (now_ns - self._since_ns)
             self._saved_ns = min(self._saved_ns, _SAVED_NS)
         self._since_ns = now_ns
-        if self._saved_ns < _HELD_NS or not is_beginning(reader, data):
+        early = self._not_before_ns is not None and now_ns < self._not_before_ns
+        if early or self._saved_ns < _HELD_NS or not is_beginning(reader, data):
             return 0
         self._saved_ns -= _HELD_NS
+        self._not_before_ns = now_ns + _PAUSE_NS
         return _HELD_NS
 
     def was_right(self) -> None:
         """The rest came: that time was not lost."""
         self._saved_ns = min(self._saved_ns + _HELD_NS, _SAVED_NS)
+        self._not_before_ns = None
 
 
 def is_beginning(reader: AnswerReader, data: bytes) -> bool:

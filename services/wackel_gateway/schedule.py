@@ -8,6 +8,9 @@ the rest is asked again in the same cycle without the first missing one, and eve
 leaves the cycle until a ping of its own is answered. Pings also are how servos join at the start.
 A servo that is there thus never misses more than one cycle because of another.
 
+A servo that answers at another time than it used to, and voltages once one of them falls, are asked
+again at once, for what has changed must be told within a second; after some answers it is usual.
+
 Devices that are no servos, such as a board with a gyro, are read behind them, each by itself.
 """
 
@@ -92,6 +95,7 @@ _SAG_V = 0.3
 _SWEEPS = 2
 """Then all voltages are read so often: a diagnosis needs a reading of each after the change."""
 _SWEEP_PAUSE_NS = 1_000_000_000
+"""Between two such: the supply of a robot that walks hard may never be steady."""
 _DOUBTED_MOST = 4
 """Servos at a time that are asked again because they answer at another time than usual; with more
 of them it is the adapter or the host, which these few show as well."""

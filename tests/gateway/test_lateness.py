@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.classifier.rig import chain
+from tests.classifier.rig import Rig, chain
 from wackel_gateway.lateness import Lateness, is_beginning
 from wackel_protocols.dynamixel2 import packet
 from wackel_protocols.dynamixel2.answers import AnswerReader, reader
@@ -65,3 +65,24 @@ def test_an_adapter_that_holds_answers_back_is_always_waited_for() -> None:
     for now in range(0, SECOND_NS, 20 * MS):
         assert lateness.extra_ns(reader(PLAIN), b"", now) >= 16 * MS
         lateness.was_right()
+
+
+def test_a_latency_timer_costs_the_master_no_answer() -> None:
+    rig = Rig(chain(8, rate=100.0), 1)
+    list(rig.traffic(2.0))
+    rig.inject("latency_timer", None, 16)
+    transactions = list(rig.traffic(3.0))
+    assert not [t for t in transactions if len(t.response_times) < len(t.expected)]
+    assert not [t for t in transactions if t.purpose == "observed"]
+    late = [t for t in transactions if t.ended_ns > t.deadline_ns]
+    assert 0 < len(late) < 5  # then it waits for so long by itself
+
+
+def test_a_silent_servo_is_listened_for_once_and_not_at_each_ping() -> None:
+    rig = Rig(chain(8, rate=100.0), 1)
+    list(rig.traffic(2.0))
+    rig.inject("silent", 8)
+    missed = [t for t in rig.traffic(3.0) if len(t.response_times) < len(t.expected)]
+    longer = [t for t in missed if t.ended_ns > t.deadline_ns + 10 * MS]
+    assert len(longer) == 1
+    assert not [t for t in longer if t.purpose == "ping"]
