@@ -220,11 +220,11 @@ class BusClassifier:
     def _answered(self, position: int, stamp: int) -> None:
         gone = self._reach.gone(position)
         self._reach.answered(position, self._now_ns)
+        interruption, self._reach.interrupted = self._reach.interrupted, None
+        if interruption is not None:
+            self._losses.interrupted(interruption, stamp)
         self._losses.recovered(position, stamp, passing=not gone)
         self._losses.succeeded((position,))
-        if self._reach.reconnected is not None:
-            self._losses.reconnected(self._reach.reconnected, stamp)
-            self._reach.reconnected = None
 
     def _foreign(
         self,

@@ -61,7 +61,12 @@ def _explains(cause: Finding, finding: Finding, chain: Chain, stamp: int) -> boo
 
 
 def _is_behind(finding: Finding, cable: str, chain: Chain) -> bool:
-    """Whether all that is missing lies behind a cable; anything, if no cable is known."""
+    """Whether all that is missing lies behind a cable; anything, if no cable is known.
+
+    With supply from the far end those before the cable lose their supply.
+    """
+    if chain.power == "far":
+        return True
     for position in range(len(chain)):
         if chain.cable(position) == cable:
             places = range(position, len(chain))

@@ -13,6 +13,7 @@ from wackel_classifier.chain import Chain
 from wackel_classifier.findings import Finding
 from wackel_classifier.loose_contact import Cause, Event, FailureWindow, Mark, Verdict, judge
 from wackel_classifier.loss import LossTest, threshold, wilson
+from wackel_classifier.reach import SAME_NS, Interruption
 from wackel_node.config import ClassifierConfig
 from wackel_schemas import component
 
@@ -27,7 +28,11 @@ STRAY_NS = 5_000_000_000
 RECONNECTS = 2
 RECONNECTS_ALL = 3
 """So often a connection must be interrupted and come back within three windows to be loose; more
-often where all servos are concerned, since somebody may switch the supply off and on."""
+often where all servos are concerned and for long, since somebody may switch the supply off and on.
+A spark counts for one."""
+BY_HAND_NS = 1_500_000_000
+"""Who unplugs a cable or switches the supply off and on takes longer, with the 0.4 s that servos
+need to start anew."""
 LIKELY = 0.9
 """Probability that a verdict needs without a statistical test."""
 SURE = 0.95
@@ -35,6 +40,12 @@ SURE = 0.95
 RETURNS = 4
 """A disconnection is one lump of failures, a moving cable may make many in one movement: what was
 lost and was back so often is loose, however close together."""
+CUTS = 4
+CUTS_HOLD = 2
+"""So often within a window must all from one servo on be silent while those before it answer, to be
+told at once and to go on being told. Loss does not do that, only a servo that does not understand
+an instruction: at one in ten thousand, and 1000 requests in a window, that is 0.1 for all servos
+together, and four times at the same one of ten once in some hundred thousand hours."""
 REJUDGE = 20
 """One in so many events must be new for another verdict: fewer hardly change it."""
 MOST_EVENTS = 2000
@@ -86,13 +97,14 @@ class Losses:
         self._counts: Counter[Event] = Counter()
         self._windows = [FailureWindow(self._samples) for _ in range(size)]
         self._sparks = 0
+        self._cuts = [0] * size  # by position, how often all from it on were silent for a moment
         self._contact = False
         self._verdict: Verdict | None = None
         self._unjudged = 0  # events that came or went since the verdict
         self._code: str | None = None  # what failures of a servo or of the bus are called
         self._told = False  # whether the verdict has become a finding
         self._strays: deque[int] = deque(maxlen=SPARKS)
-        self._reconnects: deque[tuple[int, int, int]] = deque(maxlen=16)
+        self._interruptions: deque[tuple[int, int, Interruption]] = deque(maxlen=16)
         self._since = 0
         self._stray_since = 0
 
@@ -138,9 +150,16 @@ class Losses:
             self._stray_since = stamp
         self._strays.append(now_ns)
 
-    def reconnected(self, position: int, stamp: int) -> None:
-        """A cable was broken and has come back."""
-        self._reconnects.append((self._slot, stamp, position))
+    def interrupted(self, interruption: Interruption, stamp: int) -> None:
+        """A cable was interrupted and has come back."""
+        latest = self._interruptions[-1][1] if self._interruptions else None
+        # Servos that start anew come back one by one.
+        if self._chain.power != "far" or latest is None or stamp - latest >= SAME_NS:
+            self._interruptions.append((self._slot, stamp, interruption))
+        for position, pending in enumerate(self._pending):
+            if position != interruption.cable:
+                pending.clear()  # nobody's own failure
+                self.waiting &= ~(1 << position)
 
     def reset(self) -> None:
         """What was counted has another cause: a jammer destroys answers at random."""
@@ -169,12 +188,13 @@ class Losses:
 
     def findings(self, now_ns: int) -> list[Finding]:
         """What the failures mean."""
-        findings = []
         reconnecting = self._reconnecting()
-        explained = [reconnecting] if reconnecting else self._explain()
-        if explained:
-            self._told = True
-            findings += explained
+        findings = self._explain()
+        if reconnecting is not None:
+            placed = [finding for finding in findings if finding.code == reconnecting.code]
+            if reconnecting.confidence >= LIKELY or not placed:
+                findings = [reconnecting]
+        self._told = bool(findings)
         while self._strays and now_ns - self._strays[-1] > STRAY_NS:
             self._strays.clear()
         if len(self._strays) == SPARKS:
@@ -196,6 +216,7 @@ class Losses:
         self._events.append((self._slot, stamp, event))
         self._counts[event] += 1
         self._sparks += event.mark is Mark.SPARK
+        self._cuts[event.position] += _is_cut(event)
         self._unjudged += 1
         if len(self._events) > MOST_EVENTS:
             self._drop()
@@ -206,6 +227,7 @@ class Losses:
         if not self._counts[event]:
             del self._counts[event]
         self._sparks -= event.mark is Mark.SPARK
+        self._cuts[event.position] -= _is_cut(event)
         self._unjudged += 1
 
     def _add(self, successes: list[int], failures: list[int], sign: int) -> None:
@@ -219,8 +241,9 @@ class Losses:
             self._drop()
         for window in self._windows:
             window.expire(self._slot)
-        while self._reconnects and self._reconnects[0][0] <= self._slot - 3 * self._samples:
-            self._reconnects.popleft()
+        oldest = self._slot - 3 * self._samples
+        while self._interruptions and self._interruptions[0][0] <= oldest:
+            self._interruptions.popleft()
         # An alarm ends when the window holds no more failures than are ordinary.
         for position, test in enumerate(self._tests):
             if test.alarmed:
@@ -235,21 +258,37 @@ class Losses:
 
     def _reconnecting(self) -> Finding | None:
         """A break that comes and goes."""
-        places = Counter(position for _, _, position in self._reconnects)
-        if not places:
+        if not self._interruptions:
             return None
-        position, count = places.most_common(1)[0]
-        if count < (RECONNECTS if position else RECONNECTS_ALL):
+        told = [interruption for _, _, interruption in self._interruptions]
+        far = self._chain.power == "far"
+        cables = Counter(i.cable for i in told if not i.whole and i.cable is not None)
+        cable, count = cables.most_common(1)[0] if cables else (0, 0)
+        if far and count < RECONNECTS:
+            cable = 0  # whose supply failed is known only if it is the same ones again
+        if far or not cables:
+            count = len(told)  # all of them may be of one cable, wherever that is
+        brief = [i for i in told if i.lasted_ns <= BY_HAND_NS]
+        by_hand = all(i.whole for i in told) and len(brief) < RECONNECTS
+        signs = self._sparks or self._strays or self._cuts[cable]
+        moving = any(not i.whole for i in brief) and signs
+        if count + bool(moving) < (RECONNECTS_ALL if by_hand else RECONNECTS):
             return None
         if not self._told:
-            self._since = next(stamp for _, stamp, place in self._reconnects if place == position)
+            self._since = self._interruptions[0][1]
         summary = f"the connection was gone and came back {count} times"
-        last = position == len(self._chain) - 1
-        suspects = [self._chain.servo(position)] if last else []
-        return self._loose(position, 0.9, suspects, summary, {"reconnects": count})
+        if count < RECONNECTS:
+            summary = "the connection was gone for a moment, and sparked or flickered besides"
+        confidence = 0.9 if cable and count >= RECONNECTS else 0.8
+        chain = self._chain
+        suspects = [chain.servo(cable)] if cable == len(chain) - 1 else []
+        if cable == 1 and far:
+            suspects = [chain.servo(0)]
+        return self._loose(cable, confidence, suspects, summary, {"reconnects": count})
 
     def _explain(self) -> list[Finding]:
-        alarmed = any(test.alarmed for test in self._tests)
+        recurring = max(self._cuts, default=0) >= (CUTS_HOLD if self._contact else CUTS)
+        alarmed = recurring or any(test.alarmed for test in self._tests)
         sparks = len(self._strays) if len(self._events) >= SPARKS else 0
         sparking = sparks >= (1 if self._contact else SPARKS)
         if not (alarmed or sparking):
@@ -420,3 +459,9 @@ class Losses:
                 return self._chain.servo(position)
             case Cause.BUS:
                 return component.bus(self._chain.bus)
+
+
+def _is_cut(event: Event) -> bool:
+    """Whether all from this servo on were silent, but none before it."""
+    heard_before = not (event.first or event.alone)
+    return bool(event.run) and heard_before and event.mark is not Mark.DAMAGED

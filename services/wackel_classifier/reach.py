@@ -8,6 +8,7 @@ silent servo nobody but itself.
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from wackel_classifier.chain import Chain
 from wackel_classifier.findings import Finding
@@ -23,6 +24,8 @@ them is the gateway in mode poll; in the other modes nobody may, and then it sta
 SAME_NS = 1_000_000_000
 """Servos that fall silent within this time may have one cause, and so may come back together: the
 master notices by and by, as it asks them on their own."""
+DARK_NS = 100_000_000
+"""Servos that are silent for so long start anew: the interruption itself is mostly over by then."""
 BACK_ANSWERS = 3
 """Answers in a row after which a servo that was gone is back: one may slip through."""
 CERTAIN = -math.log(1e-10)
@@ -36,17 +39,33 @@ CERTAIN_JAMMED = -math.log(1e-4)
 class _Servo:
     """Attributes: times in ns of the classifier's clock.
 
-    ``misses`` requests in a row in which it had its turn and was silent, since ``missed_ns`` (stamp
-    ``since``); ``evidence`` minus the logarithm of the probability of losing so many answers;
+    ``misses`` requests in a row in which it had its turn and was silent, from ``missed_ns`` (stamp
+    ``since``) to ``latest_ns``; ``evidence`` minus the logarithm of the probability of losing so
+    many answers;
     ``back`` answers in a row while gone.
     """
 
     missed_ns: int = 0
+    latest_ns: int = 0
     since: int = 0
     misses: int = 0
     evidence: float = 0.0
     gone: bool = False
     back: int = 0
+
+
+class Interruption(NamedTuple):
+    """A connection that was gone and is back.
+
+    Attributes:
+        cable: Position of the servo that it leads to; None if it is not known.
+        whole: Whether nobody answered meanwhile.
+        lasted_ns: From the first miss to the first answer.
+    """
+
+    cable: int | None
+    whole: bool
+    lasted_ns: int
 
 
 class Reach:
@@ -55,11 +74,10 @@ class Reach:
     Attributes:
         waiting: The servos that are without an answer, a bit for each position.
         unsettled: Whether time alone may change the findings.
-        reconnected: Position whose cable was interrupted and has just come back; reset by the
-            reader.
+        interrupted: A cable was, and has just come back; reset by the reader.
     """
 
-    reconnected: int | None = None
+    interrupted: Interruption | None = None
 
     def __init__(self, chain: Chain) -> None:
         self._chain = chain
@@ -88,37 +106,68 @@ class Reach:
             return
         if not servo.gone:
             if servo.misses > 1:
-                self._renew(position, servo.missed_ns)
+                self._renew(position, now_ns)
             self._clear(position)
         elif position >= self._cut:
             # The cable is connected again, or never was the cause: all behind it begin anew.
+            self._come_back(self._cut, self._cut, now_ns - servo.missed_ns)
             for other in range(self._cut, len(self._servos)):
                 self._clear(other)
-            self.reconnected = self._cut
             self._cut = len(self._servos)
+        elif fed := self._fed_together(servo.missed_ns):
+            self._come_back(fed, fed, now_ns - servo.missed_ns)
+            for other in range(fed):
+                self._clear(other)
         else:
             servo.back += 1
             if servo.back >= BACK_ANSWERS:
                 self._clear(position)
 
-    def _renew(self, back: int, missed_ns: int) -> None:
+    def _come_back(self, cable: int | None, head: int, lasted_ns: int) -> None:
+        self.interrupted = Interruption(cable, head == 0, lasted_ns)
+
+    def _renew(self, back: int, now_ns: int) -> None:
         """One of those that fell silent at this time is back: the others may be, too."""
+        missed_ns = self._servos[back].missed_ns
         silent = [
             place
             for place, servo in enumerate(self._servos)
             if servo.misses and not servo.gone and abs(servo.missed_ns - missed_ns) < SAME_NS
         ]
         head = silent[0]
-        if sum(self._servos[place].evidence for place in silent) >= CERTAIN and not any(
-            answered_ns > missed_ns
-            for place, answered_ns in enumerate(self._answered_ns[head:], start=head)
-            if place != back
-        ):
-            # Too many misses to be ordinary, by all from one servo on: an interruption.
-            self.reconnected = head
+        if sum(self._servos[place].evidence for place in silent) >= CERTAIN:
+            # Too many misses to be ordinary: an interruption, if all from one servo on were silent.
+            if not any(
+                answered_ns > missed_ns
+                for place, answered_ns in enumerate(self._answered_ns[head:], start=head)
+                if place != back
+            ):
+                # The one before may have been silent, too, but not have been asked.
+                exact = not head or self._answered_ns[head - 1] > missed_ns
+                self._come_back(head if exact else None, head, now_ns - missed_ns)
+            elif self._chain.power == "far":
+                self._come_back(self._fed_together(missed_ns), head + 1, now_ns - missed_ns)
         for place in silent:
             if place != back:
                 self._clear(place)
+
+    def _fed_together(self, missed_ns: int) -> int | None:
+        """Position of the cable through which all those that fell silent at a time get supply.
+
+        From the far end supply comes through every cable to the servos before it: an interruption
+        has them start anew, all up to one servo, while those behind it answer.
+        """
+        if self._chain.power != "far":
+            return None
+        count = 0
+        for servo in self._servos:
+            if not servo.misses or abs(servo.missed_ns - missed_ns) >= SAME_NS:
+                break
+            if servo.latest_ns - servo.missed_ns < DARK_NS:
+                return None
+            count += 1
+        passed = max(self._answered_ns[count:], default=0) > missed_ns
+        return count if count and passed else None
 
     def take_newly_gone(self) -> list[int]:
         """Positions that have become unreachable since this was last asked."""
@@ -146,6 +195,7 @@ class Reach:
             servo.missed_ns, servo.since = now_ns, stamp
             self.waiting |= 1 << position
         servo.misses += 1
+        servo.latest_ns = now_ns
         servo.evidence -= math.log(min(max(chance, 1e-6), 0.99))
 
     def findings(self, now_ns: int, *, jammed: bool) -> list[Finding]:
