@@ -102,8 +102,12 @@ class Alignment:
         """Up to where steps have been made, UTC ns; ``None`` before the first state."""
         return self._done
 
-    def bus_state(self, bus: str, state: BusState) -> None:
-        """Takes in what the servos of a bus said; what is not of the drive is ignored."""
+    def bus_state(self, bus: str, state: BusState) -> bool:
+        """Takes in what the servos of a bus said; what is not of the drive is ignored.
+
+        Returns:
+            Whether any of it was taken; else no step can have become due.
+        """
         tracks = self._by_bus.get(bus, {})
         relevant = [
             servo
@@ -111,7 +115,7 @@ class Alignment:
             if servo.id in tracks and (servo.position is not None or servo.velocity is not None)
         ]
         if not relevant or not self._fits(state.stamp, bus):
-            return
+            return False
         stamp, done, taken = state.stamp, self._done or 0, False
         for servo in relevant:
             position, velocity = servo.position, servo.velocity
@@ -124,6 +128,7 @@ class Alignment:
         if taken:
             self._wheels_newest = max(self._wheels_newest, stamp)
             self._newer(stamp)
+        return taken
 
     def gyro(self, name: str, sample: ImuSample) -> float | None:
         """Takes in a gyro's sample.

@@ -110,10 +110,10 @@ class Odometer:
             Odometry for each step that it completes, and fault reports; numbered by who publishes.
         """
         restarts, before = self._alignment.restarts, self._alignment.done
-        self._alignment.bus_state(bus, state)
+        taken = self._alignment.bus_state(bus, state)
         if self._alignment.restarts != restarts:
             self._unseen(before or 0, self._alignment.done or 0)
-        return [*self._steps(), *self._refusals(state.stamp)]
+        return [*(self._steps() if taken else ()), *self._refusals(state.stamp)]
 
     def imu(self, name: str, sample: ImuSample) -> list[Message]:
         """Takes in a sample of an inertial sensor; one that is not configured is ignored.
