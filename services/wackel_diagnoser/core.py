@@ -79,7 +79,7 @@ class Diagnoser:
         hypotheses = self._hypotheses = Hypotheses(layout, gyros)
         self._bank = Bank(hypotheses.spread)
         self._sensors = Scaling(rows.count, first=9.0, least=0.15)
-        self._manoeuvre = Scaling(rows.count, first=1.0, least=0.6)
+        self._manoeuvre = Scaling(rows.count, first=1.0, least=0.25)
         limit = threshold(len(hypotheses), RATE)
         self._sequential = Sequential(hypotheses.prior, hypotheses.explanation, limit)
         self._bias = GyroBias(list(gyros.values()))

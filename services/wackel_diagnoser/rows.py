@@ -20,23 +20,23 @@ from wackel_node.config_drive import DriveConfig, GyroConfig
 
 CREEP = 0.002
 """m/s by which a tyre creeps sideways for no reason that is measured."""
-STEERING_LAG_S = 0.01
+STEERING_LAG_S = 0.003
 """s by which steering and rolling of one step may belong to different times."""
-ACCELERATING = 0.01
-"""s by which the drives of different wheels may differ in following."""
-FOLLOWS = 0.004
+FOLLOWS = 0.003
 """Share, and rad, by which a drive and a steering that follow may stay off their references."""
-PENDING = 0.35
+PENDING = 0.15
 """Share of what is still to come (command less reference) by which a reference may be off: a real
 drive is no first-order lag."""
-CRAB = 0.3
-"""Share of the sideways speed of a wheel that still has to turn by which all wheels slip."""
+FORCED = 0.8
+"""A wheel's slip by what the references of all wheels, each with its own lag, force on it."""
+SHARED = 0.4
+"""The same by the mean slip that they force on all wheels: friction passes it on."""
 YAWING = 0.3
 """The yaw rate that this causes, by what it would be if all wheels slipped the same way around."""
-SIDEWAYS = 0.7
-"""The same for that wheel itself."""
 JERK = 0.3
 """A gyro's sample and a step cover different times: part of how its value changes is late."""
+REGULAR = 1e-9 * np.eye(3)
+"""For drives whose rows do not determine the twist."""
 SLOWEST = 0.01
 """m/s; a faulty wheel of a robot at rest is not off by less."""
 TREMBLE = 0.02
@@ -100,7 +100,6 @@ class Rows:
         self._roll_of[rolls] = np.arange(len(rolls))
         self._slide_roll = self._roll_of[slides]
         self._slide_rolls = bool((self._slide_roll >= 0).all())
-        self._steered_roll = np.maximum(self._roll_of[self._steered], 0)
         settings = list(gyros.values())
         quantum = drive.roll_radius * config.encoder_step / math.sqrt(6)
         none = np.zeros(len(slides))
@@ -134,6 +133,13 @@ class Rows:
         self._h[self.gyros, 2] = 1.0
         self._constraints = len(slides) + len(rolls)
         self._length_m = drive.length_m
+        # The rows of a wheel that has both are square to each other, at any angle.
+        straight = drive.rows(drive.steering(np.zeros(drive.n)))
+        both = set(slides.tolist()) & set(rolls.tolist())
+        turning = {i for i in drive.row_wheels.tolist() if drive.steers[i]}
+        self._inverse: Floats | None = None
+        if turning <= both:
+            self._inverse = np.asarray(np.linalg.inv(straight.T @ straight + REGULAR))
         self._gyro_before = np.zeros(len(settings))
         self._all = np.ones(self.count, dtype=np.bool_)
 
@@ -152,7 +158,8 @@ class Rows:
         drive, dt, steered = self._drive, step.seconds, self._steered
         slides, rolls, gyros, rolling = self.slides, self.rolls, self.gyros, self.rolling
         h = self._h.copy()
-        h[: self._constraints] = drive.rows(step.heading + self._to_beta)
+        both = drive.rows(np.array([step.heading, target.heading]) + self._to_beta)
+        h[: self._constraints] = both[0]
         rolled = drive.roll_radius * step.wheel_rate[drive.roll_wheels]
         z = np.zeros(self.count)
         z[rolls] = rolled
@@ -182,21 +189,33 @@ class Rows:
         base = magnitude * magnitude
         base += self._white + self._per_time / dt + self._per_step / dt**2
 
-        gap = target.heading_gap[steered]
+        # While wheels turn, their references contradict each other: they really slip.
+        forced = self._slip(both[1], target.speed)
+        mean = math.sqrt(float(forced @ forced) / len(forced))
+        loose = np.full(self.count, SHARED * mean)
+        loose[: self._constraints] += FORCED * np.abs(forced)
         turned = np.abs(step.steered[steered]) / dt
         if not whole:
             turned = np.nan_to_num(turned)
-        # Wheels that are not turned yet push the whole robot aside.
-        aside = shown[self._steered_roll] * np.minimum(gap, 1.0)
-        crab = CRAB * float(aside.sum())
-        loose = np.full(self.count, crab)
         if len(steered) == len(sliding):
-            loose[slides] += sliding * turned * STEERING_LAG_S + SIDEWAYS * aside
-        loose[self.steering] = PENDING * gap + STEERING_LAG_S * turned
+            loose[slides] += sliding * turned * STEERING_LAG_S
+        loose[self.steering] = PENDING * target.heading_gap[steered] + STEERING_LAG_S * turned
         loose[rolling] += PENDING * np.abs(target.speed_gap)
         jerk = np.abs(z[gyros] - self._gyro_before)
-        loose[gyros] = YAWING * crab / self._length_m + JERK * jerk
+        loose[gyros] = YAWING * mean / self._length_m + JERK * jerk
         self._gyro_before = z[gyros]
         if not whole:
             size[~present] = 0.0
         return Measured(z, h, base, loose * loose, size, speed, present)
+
+    def _slip(self, rows: Floats, speed: Floats) -> Floats:
+        """How much the references contradict each other, m/s, shape (R,); 0 if there are none."""
+        wanted = np.zeros(len(rows))
+        wanted[self.rolls] = speed
+        right = wanted @ rows
+        if not math.isfinite(float(right.sum())):
+            return np.zeros(len(rows))
+        inverse = self._inverse
+        if inverse is None:
+            inverse = np.asarray(np.linalg.inv(rows.T @ rows + REGULAR))
+        return np.asarray(wanted - rows @ (inverse @ right))
