@@ -1,12 +1,13 @@
 """``wackel``: one program, one subcommand for each thing to do."""
 
+import errno
 import importlib
 import os
 import sys
 from collections.abc import Sequence
 
 from wackel_cli.commands import COMMANDS, GROUPS
-from wackel_node.errors import OK, USAGE, Explained
+from wackel_node.errors import FAILED, OK, USAGE, Explained
 
 INTERRUPTED = 130  # 128 + SIGINT, as a shell has it
 BROKEN_PIPE = 141  # 128 + SIGPIPE
@@ -69,6 +70,13 @@ def _run(name: str, arguments: list[str]) -> int:
         # `wackel echo | head`: the exit would flush into the closed pipe once more.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return BROKEN_PIPE
+    except OSError as error:
+        if error.errno != errno.ENOSPC or error.filename is not None:
+            raise
+        # `wackel echo > FILE` on a full disk; as above, nothing may be flushed once more.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        print(f"wackel {name}: the output cannot be written: {error.strerror}", file=sys.stderr)
+        return FAILED
     return code
 
 

@@ -85,3 +85,18 @@ def test_the_overview_imports_nothing_that_takes_time() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stderr == "[]\n"
+
+
+@pytest.mark.process
+def test_output_that_a_full_disk_does_not_take_is_told_in_one_line() -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "wackel_cli", "schema", "Health"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 1
+    assert done.stderr.startswith("wackel schema: the output cannot be written: No space left")
+    assert len(done.stderr.splitlines()) == 1
