@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Callable
 from itertools import count
 from types import TracebackType
-from typing import Any, Generic, Literal, NamedTuple, Self, TypeVar
+from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar
 
 import zenoh
 from zenoh.ext import (
@@ -59,13 +59,8 @@ _REFUSAL = zenoh.Encoding.TEXT_PLAIN
 Role = Literal["peer", "client", "router"]
 
 
-class _Arrival(NamedTuple):
-    """An item of an inbox; by its number, those of several inboxes keep the order of arrival."""
-
-    number: int
-    size: int
-    item: Any
-
+_Arrival: TypeAlias = tuple[int, "_Inbox", Any, int]
+"""Number, inbox, item, bytes: by the number, items of several inboxes keep the order of arrival."""
 
 _arrivals = count()
 
@@ -218,22 +213,22 @@ class _Inbox:
     def add(self, item: Any, size: int = 0) -> None:  # on a Zenoh thread
         _keep_thread_state()
         with self._lock:
-            self._items.append(_Arrival(next(_arrivals), size, item))
+            self._items.append((next(_arrivals), self, item, size))
             self._bytes += size
             while len(self._items) > self._depth or self._bytes > _MOST_WAITING:
-                self._bytes -= self._items.popleft().size
+                self._bytes -= self._items.popleft()[-1]
                 self.overrun += 1
             woken, self._woken = self._woken, True
         if not woken:
             self._wake(self)
 
-    def take(self) -> list[tuple["_Arrival", "_Inbox"]]:
+    def take(self) -> deque[_Arrival]:
         """What is there now; what comes meanwhile wakes again, so a flood starves none."""
         with self._lock:
             items, self._items = self._items, deque()
             self._bytes = 0
             self._woken = False
-        return [(item, self) for item in items]
+        return items
 
 
 class Link:
@@ -452,9 +447,9 @@ class Link:
         woken += [self._wake.get_nowait() for _ in range(self._wake.qsize())]
         arrived = [each for inbox in woken if inbox is not None for each in inbox.take()]
         # In the order of arrival, whatever the topic: a core gets what a recorder recorded.
-        arrived.sort(key=lambda each: each[0].number)
-        for arrival, inbox in arrived:
-            inbox.deliver(arrival.item)
+        arrived.sort()
+        for _, origin, item, _ in arrived:
+            origin.deliver(item)
         return True
 
     def wake(self) -> None:
