@@ -68,10 +68,10 @@ LATENCY_LEAST_NS = 300_000_000
 """A host that is late is so for some time slices: answers closer together are one piece of
 evidence, and all of it must extend over so long."""
 HOST_BUSY_NS = 1_000_000_000
-HOST_BUSY_SHARE = 0.02
-HOST_BUSY_TIMES = 20
-"""For each time (up to so many) that the host overslept lately, so many more of the answers may
-be its own doing: some fifty reads a second tell whether it does."""
+HOST_BUSY_SHARE = 0.04
+HOST_BUSY_TIMES = 10
+"""For each time that the host overslept within a second, so many more of the answers may be its own
+doing: some fifty reads tell whether it does. After so many times nothing is said of the adapter."""
 HOST_LATE_NS = 5_000_000
 """Oversleeping that costs a whole cycle at 200 Hz."""
 HOST_LATE_TIMES = 3
@@ -180,7 +180,7 @@ class Timing:
             stamp: Of the transaction.
         """
         delay = response_ns - answer_bytes * BITS_PER_BYTE * 1_000_000_000 // max(baud_rate, 1)
-        self._adapter.answer(position, delay, self._host_share(now_ns), now_ns)
+        self._ask_adapter(position, delay, now_ns)
         if self._latency_since:
             return  # what is measured through such an adapter tells nothing about single servos
         servo = self._servos[position]
@@ -213,7 +213,7 @@ class Timing:
 
     def late_answer(self, position: int, now_ns: int, stamp: int) -> None:
         """A servo has answered when the host no longer listened."""
-        self._adapter.answer(position, SLOWEST_NS + 1, self._host_share(now_ns), now_ns)
+        self._ask_adapter(position, SLOWEST_NS + 1, now_ns)
         servo = self._servos[position]
         servo.after_time_out += 1
         if now_ns - servo.after_time_out_ns >= LATE_ANSWER_NS and not self._latency_since:
@@ -298,12 +298,13 @@ class Timing:
     def _margin(self) -> float:
         return max(LEAST_LATE_NS, SCATTER * self._scatter_ns)
 
-    def _host_share(self, now_ns: int) -> float:
-        """Share of answers that may be late because the host is, lately."""
+    def _ask_adapter(self, position: int, delay: int, now_ns: int) -> None:
+        """What a delay says of the adapter, unless the host is too busy to tell."""
         busy = self._busy
         while busy and now_ns - busy[0] > HOST_BUSY_NS:
             busy.popleft()
-        return HOST_BUSY_SHARE * len(busy)
+        if len(busy) < HOST_BUSY_TIMES:
+            self._adapter.answer(position, delay, HOST_BUSY_SHARE * len(busy), now_ns)
 
     def _slow(self, position: int) -> Finding:
         servo = self._servos[position]

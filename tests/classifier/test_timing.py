@@ -101,6 +101,18 @@ def test_many_late_answers_within_one_burst_of_the_host_are_no_adapter() -> None
     assert "latency_timer" not in bus.told
 
 
+def test_a_host_that_oversleeps_all_the_time_leaves_the_adapter_as_it_was() -> None:
+    bus = Bus()
+    bus.run(200, bus.quiet)
+
+    def starved(_: int) -> float:
+        bus.timing.host_lag(MS, bus.now_ns, STAMP + bus.now_ns)
+        return bus.random.uniform(500, 5000)
+
+    bus.run(3000, starved)
+    assert "latency_timer" not in bus.told
+
+
 @pytest.mark.parametrize("held_us", [4_000.0, 16_000.0])
 def test_an_adapter_that_holds_answers_back_is_told_from_a_slow_servo(held_us: float) -> None:
     bus = Bus()
