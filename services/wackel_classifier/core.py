@@ -81,6 +81,7 @@ class BusClassifier:
         self._attention = 0  # whose answers are news; bits as in Request.concerns
         self._counting: list[Request] = []  # those with clean answers that are not yet made up for
         self._goals_due = True  # goals are looked at once a slot
+        self._jammed_ns = -1  # when a permanent jammer was last there
         self._incomplete = False  # whether the last transaction missed an answer
         self._missed: list[int] = []  # positions, in the last transaction that missed any
 
@@ -189,6 +190,7 @@ class BusClassifier:
         self._reach.heard(heard, now_ns)
         self._losses.succeeded(heard)
         if jammed:
+            self._jammed_ns = now_ns
             self._losses.reset()
         self._foreign(transaction, request, answers, symptoms, jammed=jammed)
         self._missed = missed or self._missed
@@ -219,9 +221,11 @@ class BusClassifier:
 
     def _answered(self, position: int, stamp: int) -> None:
         gone = self._reach.gone(position)
-        self._reach.answered(position, self._now_ns)
+        now_ns = self._now_ns
+        self._reach.answered(position, now_ns)
         interruption, self._reach.interrupted = self._reach.interrupted, None
-        if interruption is not None:
+        # What began while a jammer was there is its doing.
+        if interruption is not None and now_ns - interruption.lasted_ns > self._jammed_ns:
             self._losses.interrupted(interruption, stamp)
         self._losses.recovered(position, stamp, passing=not gone)
         self._losses.succeeded((position,))

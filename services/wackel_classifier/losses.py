@@ -166,6 +166,7 @@ class Losses:
         for pending in self._pending:
             pending.clear()
         self.waiting = 0
+        self._strays.clear()
         self._successes = [0] * len(self._chain)
         self._failures = [0] * len(self._chain)
 
