@@ -94,11 +94,17 @@ class Hypotheses:
         prior = [0.0]
         spread = [self._none()]
         for path, part, i in wheels:
-            for kind in ("actuator", "sensor"):
+            own = self._own(part, i)
+            # Others may slip, or hold the robot: that they need not is worth a hypothesis.
+            ways: list[tuple[Class, Floats]] = [
+                ("actuator", self._dragging()),
+                ("actuator", self._disturbed()),
+                ("sensor", self._none()),
+            ]
+            for kind, others in ways:
                 each.append(Hypothesis((path,), kind))
                 prior.append(SINGLE)
-                own = self._own(part, i)
-                spread.append(np.maximum(own, self._dragging()) if kind == "actuator" else own)
+                spread.append(np.maximum(own, others))
         for name in gyros:
             each.append(Hypothesis((component.gyro(name),), "sensor"))
             prior.append(SINGLE)

@@ -21,6 +21,8 @@ BLOCK_S = 0.1
 MEMORY_S = 30.0
 """Some turns in both directions."""
 LOOK_S = 0.5
+AT_FIRST_S = 15.0
+"""Before so much driving the gyro's bias and a wrong zero are not told apart."""
 LEAST_RAD = math.radians(3.0)
 """Smaller errors are calibration."""
 WIDE_RAD = 0.3
@@ -83,6 +85,7 @@ class ReferenceErrors:
         self._open = np.zeros(2 * n + 2)
         self._open_s = 0.0
         self._since_look = 0.0
+        self._driven_s = 0.0
         self.found: WrongZero | None = None
 
     def step(self, measured: Measured, seconds: float) -> None:
@@ -102,6 +105,7 @@ class ReferenceErrors:
         block[2 * n + 1] += seconds * (float(gyros.mean()) - float(seen[n:] @ rolled))
         self._open_s += seconds
         self._since_look += seconds
+        self._driven_s += seconds
         if self._open_s >= BLOCK_S:
             mean = block / self._open_s
             row, off = mean[:-1], float(mean[-1])
@@ -111,7 +115,7 @@ class ReferenceErrors:
             self._right = fade * self._right + share * off * row
             block[:] = 0.0
             self._open_s = 0.0
-        if self._since_look >= LOOK_S:
+        if self._since_look >= LOOK_S and self._driven_s >= AT_FIRST_S:
             self._since_look = 0.0
             self.found = self._look()
 

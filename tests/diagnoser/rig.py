@@ -1,0 +1,125 @@
+"""A simulated robot and its diagnoser, side by side: shared by tests and measurements."""
+
+import copy
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from random import Random
+from typing import Literal, Self
+
+import numpy as np
+
+from tests.odometry.simulation import random_path, steered_drive
+from wackel_diagnoser.core import Diagnoser
+from wackel_kinematics.array import Floats
+from wackel_node.config import RobotConfig
+from wackel_node.config_drive import DriveConfig, GyroConfig
+from wackel_schemas.drive import Exclusions
+from wackel_schemas.fault import FaultReport
+from wackel_schemas.message import Message
+from wackel_schemas.residuals import Residuals
+from wackel_schemas.virtual import Injection
+from wackel_virtual.calibration_errors import CalibrationErrors
+from wackel_virtual.drive_simulation import Cycle, DriveSimulation
+
+GYRO = "body"
+WARM_UP_S = 30.0
+"""Driving in which the diagnoser learns what its robot is like."""
+
+
+@dataclass
+class Rig:
+    """A robot that drives a random path.
+
+    Attributes:
+        simulation: The robot.
+        diagnoser: What it is told.
+        bus: Where the servos are.
+        path: Commanded twists, one a cycle.
+        cycles: How many have passed.
+        reports: All changes of faults.
+        exclusions: The latest.
+        residuals: The latest.
+    """
+
+    simulation: DriveSimulation
+    diagnoser: Diagnoser
+    path: Floats
+    cycles: int = 0
+    reports: list[FaultReport] = field(default_factory=list)
+    exclusions: Exclusions | None = None
+    residuals: Residuals | None = None
+
+    @classmethod
+    def of(
+        cls,
+        seed: str,
+        drive: DriveConfig | int = 4,
+        *,
+        physics: Literal["fast", "mujoco"] = "fast",
+        worse: float = 1.0,
+    ) -> Self:
+        """A new robot; ``drive``: or how many steered wheels it has.
+
+        Args:
+            seed: Of its errors, its noise, its path and its faults.
+            drive: See above.
+            physics: Of the simulation.
+            worse: By how much its calibration is worse than its configuration says.
+        """
+        config = steered_drive(drive) if isinstance(drive, int) else drive
+        gyro = GyroConfig()
+        simulation = DriveSimulation(
+            RobotConfig(drive=config, gyros={GYRO: gyro}),
+            seed,
+            physics=physics,
+            errors=CalibrationErrors.drawn(config, gyro, seed, worse),
+        )
+        rng = np.random.default_rng(Random(seed).getrandbits(63))
+        sideways = config.kind in ("steered", "mecanum", "omni")
+        path = random_path(rng, 60.0, sideways=sideways)
+        return cls(simulation, Diagnoser(config, {GYRO: gyro}), path)
+
+    def copy(self) -> Self:
+        """The same robot once more, to go another way from here."""
+        return copy.deepcopy(self)
+
+    def inject(self, kind: str, wheel: str | None = None, value: float | None = None) -> None:
+        """A fault begins now."""
+        self.simulation.inject(Injection(kind=kind, wheel=wheel, value=value))
+
+    @property
+    def now_ns(self) -> int:
+        """Stamp of the next command."""
+        from wackel_virtual.drive_simulation import START_NS
+
+        return START_NS + self.cycles * 10_000_000
+
+    def cycle(self, twist: Floats | None = None) -> Cycle:
+        """One cycle; without a twist, that of the path."""
+        if twist is None:
+            twist = self.path[self.cycles % len(self.path)]
+        self.cycles += 1
+        cycle = self.simulation.step(*twist.tolist())
+        for message in self.feed(cycle):
+            if isinstance(message, FaultReport):
+                self.reports.append(message)
+            elif isinstance(message, Exclusions):
+                self.exclusions = message
+            elif isinstance(message, Residuals):
+                self.residuals = message
+        return cycle
+
+    def feed(self, cycle: Cycle) -> Iterator[Message]:
+        """What the diagnoser says of a cycle."""
+        self.diagnoser.command(cycle.command)
+        yield from self.diagnoser.imu(self.simulation.gyro, cycle.imu)
+        yield from self.diagnoser.bus_state(self.simulation.bus, cycle.state)
+
+    def drive(self, seconds: float, twist: Floats | None = None) -> None:
+        """Some cycles."""
+        for _ in range(round(seconds * 100)):
+            self.cycle(twist)
+
+    def active(self) -> list[tuple[str, str]]:
+        """Code and component of what is active."""
+        return [(report.code, report.component) for report in self.diagnoser.active()]

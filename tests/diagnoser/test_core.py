@@ -1,0 +1,137 @@
+"""Faults of a simulated robot: named, healed, excluded, and never where there are none."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.diagnoser.rig import WARM_UP_S, Rig
+from tests.odometry.simulation import differential_drive
+from wackel_schemas import component
+
+SEED = "tune/core"
+
+
+@pytest.fixture(scope="module")
+def warm() -> Rig:
+    rig = Rig.of(SEED)
+    rig.drive(WARM_UP_S)
+    assert rig.reports == []
+    return rig
+
+
+def seen_after_s(rig: Rig, begin_ns: int) -> float:
+    return (rig.reports[0].stamp - begin_ns) / 1e9
+
+
+@pytest.mark.parametrize(
+    ("kind", "code", "within_s"),
+    [
+        ("wheel_blocked", "wheel_blocked", 0.15),
+        ("wheel_free", "wheel_free", 0.5),
+        ("drive_sensor_stuck", "wheel_sensor", 0.3),
+    ],
+)
+def test_a_fault_of_a_drive_is_named(warm: Rig, kind: str, code: str, within_s: float) -> None:
+    rig = warm.copy()
+    begin = rig.now_ns
+    rig.inject(kind, "w2")
+    rig.drive(2.0)
+    assert rig.active() == [(code, "wheel/w2/drive")]
+    assert seen_after_s(rig, begin) <= within_s
+    assert rig.reports[0].since <= rig.reports[0].stamp
+    report = rig.diagnoser.active()[0]
+    assert "wheel w2" in report.message
+    assert report.remedy
+    assert rig.exclusions is not None
+    (excluded,) = rig.exclusions.excluded
+    assert excluded.component == "wheel/w2/drive"
+    assert excluded.fault == ("sensor" if code == "wheel_sensor" else "actuator")
+
+
+def test_a_steering_that_is_blocked_is_named_and_heals(warm: Rig) -> None:
+    rig = warm.copy()
+    rig.inject("steering_blocked", "w1")
+    rig.drive(2.0)
+    assert rig.active() == [("steering_blocked", "wheel/w1/steering")]
+    rig.simulation.heal()
+    rig.drive(6.0)
+    assert rig.active() == []
+    assert rig.exclusions is not None
+    assert rig.exclusions.excluded == []
+    assert rig.reports[-1].status == "healed"
+
+
+def test_a_gyro_that_jumps_is_named(warm: Rig) -> None:
+    rig = warm.copy()
+    rig.inject("gyro_offset", value=0.2)
+    rig.drive(1.5)
+    assert rig.active() == [("gyro_deviates", component.gyro("body"))]
+
+
+def test_a_push_is_over_and_excludes_nobody_for_long(warm: Rig) -> None:
+    rig = warm.copy()
+    rig.inject("push", value=1.0)
+    rig.drive(5.0)
+    assert rig.active() == []
+
+
+def test_two_blocked_wheels_are_both_named(warm: Rig) -> None:
+    rig = warm.copy()
+    rig.inject("wheel_blocked", "w0")
+    rig.inject("wheel_blocked", "w1")
+    rig.drive(2.0)
+    assert {path for _, path in rig.active()} == {"wheel/w0/drive", "wheel/w1/drive"}
+
+
+def test_residuals_say_what_is_seen(warm: Rig) -> None:
+    rig = warm.copy()
+    rig.inject("wheel_blocked", "w3")
+    rig.drive(1.0)
+    residuals = rig.residuals
+    assert residuals is not None
+    assert residuals.verdict == ["wheel/w3/drive"]
+    assert residuals.hypotheses[0].components == ["wheel/w3/drive"]
+    assert len(residuals.candidates) == 12
+    assert {step.step for step in residuals.steps} >= {"I", "II"}
+    assert {row.name for row in residuals.rows} >= {"wheel/w3/roll", "gyro/body"}
+    assert residuals.lags_s[0] > 0
+
+
+def test_a_differential_drive_names_its_side_and_no_more() -> None:
+    rig = Rig.of(SEED, differential_drive())
+    rig.drive(WARM_UP_S)
+    assert rig.reports == []
+    rig.inject("drive_sensor_stuck", "left")
+    rig.drive(2.0)
+    assert [path for _, path in rig.active()] == ["wheel/left/drive"]
+
+
+def test_a_differential_drive_cannot_go_sideways(warm: Rig) -> None:
+    rig = Rig.of(SEED, differential_drive())
+    rig.drive(2.0, np.array([0.3, 0.0, 0.0]))
+    rig.drive(0.5, np.array([0.3, 0.2, 0.0]))
+    assert ("command_infeasible", component.COMMAND) in rig.active()
+    rig.drive(1.0, np.array([0.3, 0.0, 0.0]))
+    assert ("command_infeasible", component.COMMAND) not in rig.active()
+
+
+def test_a_turn_about_a_contact_is_singular(warm: Rig) -> None:
+    rig = warm.copy()
+    x, y = 0.3 * math.cos(math.pi / 4), 0.3 * math.sin(math.pi / 4)
+    # The centre of rotation a centimetre beside the contact of w0.
+    rig.drive(2.0, np.array([0.8 * (y + 0.01), -0.8 * x, 0.8]))
+    found = [report for report in rig.reports if report.code == "command_singular"]
+    assert found
+    assert "w0" in found[0].message
+
+
+def test_the_same_messages_give_the_same_conclusions() -> None:
+    def conclusions() -> list[object]:
+        rig = Rig.of("tune/again")
+        rig.drive(3.0)
+        rig.inject("wheel_blocked", "w1")
+        rig.drive(1.0)
+        return [rig.reports, rig.residuals]
+
+    assert conclusions() == conclusions()

@@ -1,0 +1,84 @@
+"""The paper's four steps, on its own robot and numbers (n = 3)."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.odometry.simulation import steered_drive
+from wackel_diagnoser.steps import Judgement, PaperSteps
+from wackel_drive.layout import Layout
+from wackel_kinematics.array import Floats
+from wackel_kinematics.inverse import inverse
+
+CIRCLE = np.array([1.5, 0.0, 1.5])
+"""The paper's: 1.5 m/s on a circle of 1 m."""
+
+
+def judged(
+    rate_of_3: float = 1.0,
+    others: float = 1.0,
+    beta_off: float = 0.0,
+    yaw: float = 1.5,
+    command: Floats = CIRCLE,
+) -> Judgement:
+    layout = Layout(steered_drive(3))
+    drive = layout.drive
+    motion = inverse(drive, CIRCLE, drive.steering(np.zeros(3)))
+    rate = motion.wheel_rate * np.array([others, others, rate_of_3])
+    beta = motion.steering + np.array([0.0, 0.0, beta_off])
+    return PaperSteps(layout).judge(beta, rate, motion.steering, command, yaw)
+
+
+def test_nothing_wrong_gives_the_signature_of_zeros() -> None:
+    found = judged()
+    assert PaperSteps.signature(found) == "000000"
+    assert found.components == []
+    assert "agree with the command" in found.texts["II"]
+
+
+def test_the_oscillating_rate_of_wheel_3_gives_the_papers_signature() -> None:
+    found = judged(rate_of_3=0.7)
+    assert PaperSteps.signature(found) == "000101"
+    assert found.components == ["wheel/w2/drive"]
+    assert found.fault == "sensor"  # all others and the gyro match the command
+
+
+def test_wheel_3_blocked_spoils_all_candidates_and_step_3_names_it() -> None:
+    found = judged(rate_of_3=0.0, others=0.7, yaw=0.06)
+    assert PaperSteps.signature(found) == "111111"
+    assert found.components == ["wheel/w2/drive"]
+    assert found.fault == "actuator"
+    assert "drive of wheel w2" in found.texts["III"]
+
+
+def test_a_steering_that_stands_off_gives_its_signature() -> None:
+    found = judged(beta_off=math.radians(10))
+    assert PaperSteps.signature(found) == "001111"
+    assert found.components == ["wheel/w2/steering"]
+
+
+def test_a_pair_whose_axles_coincide_is_left_out() -> None:
+    layout = Layout(steered_drive(4))
+    drive = layout.drive
+    motion = inverse(drive, np.array([0.5, 0.0, 0.0]), drive.steering(np.zeros(4)))
+    steps = PaperSteps(layout)
+    found = steps.judge(
+        motion.steering, motion.wheel_rate, motion.steering, np.array([0.5, 0.0, 0.0]), 0.0
+    )
+    assert found.coincident.any()
+    assert not (found.deviates & found.coincident).any()
+    assert "(B)" in found.texts["I"]
+    shown = steps.candidates(found)
+    assert {each.singular for each in shown} == {"", "B"}
+
+
+def test_without_a_command_nothing_is_said_of_it() -> None:
+    found = judged(command=np.full(3, np.nan))
+    assert found.components == []
+    assert "No command" in found.texts["II"]
+
+
+@pytest.mark.parametrize("yaw", [math.nan])
+def test_without_a_gyro_step_4_says_so(yaw: float) -> None:
+    assert "No gyro" in judged(rate_of_3=0.5, yaw=yaw).texts["IV"]
