@@ -4,6 +4,7 @@ A robot with wheels runs on the virtual bus, with all its services and a view; e
 :mod:`tests.end_to_end.hostility` comes on every topic and every query while it works.
 """
 
+import json
 import math
 from collections import defaultdict
 from pathlib import Path
@@ -16,8 +17,9 @@ from zenoh.handlers import Callback
 
 from tests import robot as robots
 from tests.end_to_end import hostility
+from tests.end_to_end.command import wackel
 from tests.odometry.simulation import differential_drive
-from wackel_node.config import RobotConfig
+from wackel_node.config import RecorderConfig, RobotConfig
 from wackel_node.config_drive import GyroConfig
 from wackel_node.listen import EVERYTHING, listen
 from wackel_schemas.health import Health
@@ -26,13 +28,18 @@ from wackel_schemas.keys import QUERIES, TOPICS, topic_of
 pytestmark = pytest.mark.process
 
 LIMIT_S = 60.0
+_UNCONCERNED = ("virtual/main", "recorder/main")
+"""One listens to no topic, the other takes whatever comes."""
 _PAUSE_EVERY = 25
 """Messages at a time: nobody's inbox shall overflow, so that every message is looked at."""
 
 
 def wheeled(directory: Path) -> RobotConfig:
     config: RobotConfig = msgspec.structs.replace(
-        robots.chain(directory, 4), drive=differential_drive(), gyros={"body": GyroConfig()}
+        robots.chain(directory, 4),
+        drive=differential_drive(),
+        gyros={"body": GyroConfig()},
+        recorder=RecorderConfig(directory=str(directory / "recordings")),
     )
     return config
 
@@ -128,7 +135,7 @@ def test_nothing_on_any_topic_harms_the_services(tmp_path: Path) -> None:
             _interrogate(outsider, query.pattern, hostility.keys_of(query)[0])
         reasons = outsider.reasons()
         for service in pids:
-            if service != "virtual/main":  # it listens to no topic
+            if service not in _UNCONCERNED:
                 assert f"service/{service} messages_refused" in reasons, reasons
         for component in ("bus/main/servo/1", "gyro/body"):
             assert f"{component} bad_input" in reasons, reasons
@@ -143,8 +150,24 @@ def test_nothing_on_any_topic_harms_the_services(tmp_path: Path) -> None:
         assert robot.up.poll() is None
         assert view.poll() is None
         assert outsider.no_numbers == []
+    _replay(tmp_path)
     log = (tmp_path / "up.log").read_text() + (tmp_path / "view.log").read_text()
     assert "Traceback" not in log
+
+
+def _replay(directory: Path) -> None:
+    """All of it is recorded, and what follows from it is the same twice."""
+    written = []
+    for name in ("first", "second"):
+        faults, odometry = directory / f"{name}.faults", directory / f"{name}.odometry"
+        recordings = (directory / "recordings").iterdir()
+        done = wackel("replay", *recordings, "-o", faults, "--odometry", odometry)
+        assert done.returncode == 0, done.stderr[-2000:]
+        assert "messages not used" in done.stderr
+        written.append(faults.read_text() + odometry.read_text())
+    assert written[0] == written[1]
+    for line in written[0].splitlines():
+        json.loads(line, parse_constant=pytest.fail)
 
 
 def _forgotten(health: Health) -> bool:
