@@ -10,17 +10,17 @@ from wackel_node.config import ConfigError, RobotConfig
 from wackel_node.errors import OK
 
 _DESCRIPTION = """\
-Reads a gyro of this computer from the kernel (Industrial I/O, buffered) and publishes its samples
-on imu/<name>, with the kernel's stamps. In robot.toml:
+Reads a gyro of this computer from the kernel (Industrial I/O, buffered) and
+publishes its samples on imu/<name>, with the kernel's stamps. In robot.toml:
 
   [gyros.body]
   source = "iio"
-  device = "lsm6dsl_gyro"    # a name of /sys/bus/iio/devices/*/name, or /dev/iio:device0
-  axis = "z"                 # that points up
+  device = "lsm6dsl_gyro"  # as /sys/bus/iio/devices/*/name, or /dev/iio:device0
+  axis = "z"               # that points up
   rate = 100
 
-A gyro that is not there is waited for, and reported as a fault meanwhile. Needs permission to set
-the device up: compose/udev has a rule.
+A gyro that is not there is waited for, and reported as a fault meanwhile. Needs
+permission to set the device up: compose/udev has a rule.
 """
 
 
