@@ -67,11 +67,13 @@ LATENCY_SPACING_NS = 20_000_000
 LATENCY_LEAST_NS = 300_000_000
 """A host that is late is so for some time slices: answers closer together are one piece of
 evidence, and all of it must extend over so long."""
+HOST_BUSY_LAG_NS = SLOWEST_NS // 2
 HOST_BUSY_NS = 1_000_000_000
 HOST_BUSY_SHARE = 0.04
 HOST_BUSY_TIMES = 10
-"""For each time that the host overslept within a second, so many more of the answers may be its own
-doing: some fifty reads tell whether it does. After so many times nothing is said of the adapter."""
+"""For each time that the host overslept by so much within a second, which makes an answer later than
+any servo needs, so many more of the answers may be its own doing (some fifty reads tell whether it
+does). After so many times nothing is said of the adapter."""
 HOST_LATE_NS = 5_000_000
 """Oversleeping that costs a whole cycle at 200 Hz."""
 HOST_LATE_TIMES = 3
@@ -233,7 +235,8 @@ class Timing:
 
     def host_lag(self, lag_ns: int, now_ns: int, stamp: int) -> None:
         """The host was late by so much, at least :data:`HOST_SPOILS_NS`."""
-        self._busy.append(now_ns)
+        if lag_ns >= HOST_BUSY_LAG_NS:
+            self._busy.append(now_ns)
         if lag_ns >= HOST_LATE_NS:
             self._host.append((now_ns, lag_ns, stamp))
 
