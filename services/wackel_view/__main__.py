@@ -15,14 +15,14 @@ such as Foxglove and Lichtblick: pose and path, wheels in the colour of their
 verdict, the velocities that the wheels stand for, faults as a log, health in
 words.
 
-Open the viewer, choose "Open connection", "Foxglove WebSocket", give the address
-that is printed, and import the layout (docs/view-layout.json, or --layout).
+Open the viewer, choose "Open connection", "Foxglove WebSocket", and enter the
+address that is printed; import the layout (docs/view-layout.json, or --layout).
 """
 
 _EPILOG = """\
 examples:
   wackel view                       for a viewer on this computer
-  wackel view --host 0.0.0.0        for all on the network, who then see all of it
+  wackel view --host 0.0.0.0        for viewers on the network, who see all
   wackel view --layout layout.json  writes the layout, and ends
 
 Ctrl-C ends it.
