@@ -71,9 +71,9 @@ HOST_BUSY_LAG_NS = SLOWEST_NS // 2
 HOST_BUSY_NS = 1_000_000_000
 HOST_BUSY_SHARE = 0.04
 HOST_BUSY_TIMES = 10
-"""For each time that the host overslept by so much within a second, which makes an answer later than
-any servo needs, so many more of the answers may be its own doing (some fifty reads tell whether it
-does). After so many times nothing is said of the adapter."""
+"""What makes an answer later than any servo needs. For each time that the host overslept by so much
+within a second, so many more of the answers may be its own doing (some fifty reads tell whether it
+does); after so many times nothing is said of the adapter."""
 HOST_LATE_NS = 5_000_000
 """Oversleeping that costs a whole cycle at 200 Hz."""
 HOST_LATE_TIMES = 3
