@@ -63,21 +63,39 @@ def _at(kind: str, servo: int | None = None) -> Injection:
     return Injection(kind=kind, servo=servo)
 
 
+def _on(kind: str, wheel: str | None = None, value: float | None = None) -> Injection:
+    return Injection(kind=kind, wheel=wheel, value=value)
+
+
 EPISODES = (
+    Episode("the encoder of wheel w1 dies", _on("drive_sensor_stuck", "w1"), ("wheel_sensor",)),
     Episode("someone pulls the cable to servo 5", _at("break", 5), ("cable_break",)),
-    Episode("servo 3 falls silent", _at("silent", 3), ("servo_silent",)),
+    Episode("servo 8 falls silent", _at("silent", 8), ("servo_silent",)),
+    Episode("wheel w2 jams", _on("wheel_blocked", "w2"), ("wheel_blocked",)),
     Episode(
         "the cable to servo 8 gets a loose contact",
         Injection(kind="loose_contact", servo=8, value=10.0),
         ("loose_contact",),
     ),
     Episode(
+        "the steering of wheel w3 stands 17° off",
+        _on("steering_offset", "w3", 0.3),
+        ("steering_offset", "steering_blocked"),
+    ),
+    Episode(
         "a damaged servo pulls the bus low between packets",
         _at("rhythmic_jammer"),
         ("rhythmic_jammer",),
     ),
+    Episode("the gyro's bias jumps", _on("gyro_offset", None, 0.3), ("gyro_deviates",)),
     Episode("servo 7 is overloaded", _at("overload", 7), ("overload",), reboot=7),
+    Episode("the motor of wheel w1 is off", _on("wheel_free", "w1"), ("wheel_free",)),
     Episode("servo 4 becomes slow", _at("slow", 4), ("slow_servo",)),
+    Episode(
+        "the steering of wheel w1 shows a wrong angle",
+        _on("steering_sensor_offset", "w1", 0.3),
+        ("steering_sensor",),
+    ),
     Episode("a damaged servo writes without pause", _at("permanent_jammer"), ("permanent_jammer",)),
     Episode(
         "the power contact of the cable to servo 6 corrodes",
@@ -95,7 +113,7 @@ def main(argv: list[str]) -> int:
         prog="wackel demo",
         description="Shows what wackel does, without hardware: a virtual robot with 12 servos on a "
         "pseudo-terminal drives an eight on three steered wheels, all services run as processes, "
-        "and every ten seconds a new fault is injected, named and healed. q or "
+        "and every ten seconds a new fault of bus or drive is injected, named and healed. q or "
         "Ctrl-C ends it and leaves nothing behind.",
         epilog="While it runs, its robot can be looked at from elsewhere: see the line `look`.",
     )

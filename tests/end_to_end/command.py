@@ -11,11 +11,13 @@ LIMIT_S = 60.0
 """For what takes a second or two on a computer that does nothing else."""
 
 
-def wackel(*arguments: str | Path, cwd: Path | None = None) -> "subprocess.CompletedProcess[str]":
+def wackel(
+    *arguments: str | Path, cwd: Path | None = None, limit_s: float = LIMIT_S
+) -> "subprocess.CompletedProcess[str]":
     """Runs a command to its end.
 
     Raises:
-        subprocess.TimeoutExpired: It did not end within :data:`LIMIT_S`.
+        subprocess.TimeoutExpired: It did not end within the limit.
     """
     return subprocess.run(
         [WACKEL, *map(str, arguments)],
@@ -24,7 +26,7 @@ def wackel(*arguments: str | Path, cwd: Path | None = None) -> "subprocess.Compl
         capture_output=True,
         text=True,
         check=False,
-        timeout=LIMIT_S,
+        timeout=limit_s,
     )
 
 
