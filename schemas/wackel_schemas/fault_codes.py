@@ -377,6 +377,12 @@ FAULT_CODES: dict[str, FaultCode] = {
         "fault",
         _CHAIN,
     ),
+    "bus_quiet": FaultCode(
+        "Nobody asks anything on {component}, so nothing is known of its servos.",
+        "Start the software that controls the robot, and have it open the port that proxy_port "
+        "names; in mode tap check that the second adapter is on the same wires.",
+        "warning",
+    ),
     "service_dead": FaultCode(
         "{component} is dead: {reason}.",
         "wackel up or systemd restarts it; if it keeps dying, look at its log (where wackel up "

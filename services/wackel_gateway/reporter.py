@@ -16,6 +16,7 @@ from wackel_schemas.bus import BusState, BusStatistics, Transaction
 from wackel_schemas.fault import FaultReport
 
 _PERIOD_S = 1.0
+_QUIET_PERIODS = 3  # control software that restarts is back before that
 
 
 class Reporter:
@@ -40,6 +41,9 @@ class Reporter:
         )
         self._counters = Counters(self.statistics, config.ids(), monotonic_ns())
         self._fault = Absence("adapter_unplugged", component.adapter(bus), config.port)
+        self._quiet = Absence("bus_quiet", component.bus(bus), config.port)
+        self._quiet_periods = 0
+        self._heard = 0
         self._transactions = node.publisher(keys.TRANSACTION, bus=bus)
         self._states = node.publisher(keys.STATE, bus=bus)
         self._statistics = node.publisher(keys.STATISTICS, bus=bus)
@@ -96,3 +100,18 @@ class Reporter:
         stamp = self._node.clock.now_ns()
         self._statistics.put(self._counters.period(stamp, monotonic_ns()))
         self._report(self._fault.again(stamp))
+        if self.statistics.mode != "poll":
+            self._look_for_a_master(stamp)
+
+    def _look_for_a_master(self, stamp: int) -> None:
+        """Where others are to ask and nobody does, silence must not pass for health."""
+        statistics = self.statistics
+        idle = statistics.connected and statistics.transactions == self._heard
+        self._heard = statistics.transactions
+        self._quiet_periods = self._quiet_periods + 1 if idle else 0
+        if not idle:
+            self._report(self._quiet.back(stamp))
+        elif self._quiet.active:
+            self._report(self._quiet.again(stamp))
+        elif self._quiet_periods >= _QUIET_PERIODS:
+            self._report(self._quiet.lost("no traffic", stamp))

@@ -56,3 +56,14 @@ def test_a_tap_publishes_what_it_hears_and_writes_nothing(
     with pytest.raises(BlockingIOError):
         os.read(wire, 1)
     assert gateway.stop(signal.SIGINT) == 0
+
+
+def test_a_bus_on_which_nobody_asks_is_told_and_healed_by_the_first_who_does(
+    wire: int, bus_config: BusConfig, start_gateway: StartGateway
+) -> None:
+    gateway = start_gateway(msgspec.structs.replace(bus_config, mode="tap"))
+    gateway.wait_until(lambda: bool(gateway.faults))
+    quiet = gateway.faults[0]
+    assert (quiet.code, quiet.component, quiet.status) == ("bus_quiet", "bus/main", "active")
+    os.write(wire, packet.ping(1))
+    gateway.wait_until(lambda: gateway.faults[-1].status == "healed")
