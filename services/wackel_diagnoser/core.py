@@ -55,8 +55,9 @@ TRAVELLED_RAD = 0.1
 then."""
 ALARM_STEPS = 4
 """How long an alarm takes at least."""
-OFF_S = 0.2
-"""A torque that is off for so long is no transient of switching on."""
+OFF_S = 1.5
+"""A torque that is off for so long is no transient of switching on: a gateway reads the register of
+each servo once a second, so for a second those that have been read say on and the others off."""
 SHOWN = 5
 """Hypotheses that are published."""
 

@@ -21,6 +21,8 @@ FALSE_ALARM_S = 100 * 3600.0
 """Designed mean time between false alarms."""
 WORST = 8.0
 """By how much a step may count against a hypothesis beside the best of that step."""
+DEEPEST = 16.0
+"""And by how much all steps together: an hour without a fault is no evidence against one now."""
 MEMORY_S = 0.35
 """Of isolation: what a fault looks like changes with the motion, which changes within a second."""
 LEAD = 3.0
@@ -75,6 +77,7 @@ class Sequential:
         evidence = INDEPENDENT * (likelihood - likelihood.max())
         self.memory *= math.exp(-seconds / MEMORY_S)
         self.memory += np.maximum(evidence, -WORST)
+        np.maximum(self.memory, self.memory.max() - DEEPEST, out=self.memory)
         self._alarm_s = self._alarm_s + seconds if self.sums.max() > self._limit else 0.0
 
     def posterior(self) -> Floats:
