@@ -19,6 +19,7 @@ from wackel_protocols.dynamixel2.answers import AnswerReader, reader
 from wackel_protocols.dynamixel2.control_table import Register
 from wackel_protocols.dynamixel2.expectation import Expectation
 from wackel_protocols.dynamixel2.packet import (
+    ALERT,
     BROADCAST_ID,
     MAX_ID,
     MAX_LEN,
@@ -134,7 +135,8 @@ class Management:
                 return self._reply(servo_id, result, error, f"model number {number}", number)
             case "reboot":
                 result, error = self._vendor.reboot(self._port, servo_id)
-                return self._reply(servo_id, result, error, "rebooted")
+                # It answers before it restarts, with the alert that the restart clears.
+                return self._reply(servo_id, result, error & ~ALERT, "rebooted")
             case "factory_reset":
                 result, error = self._vendor.factoryReset(
                     self._port, servo_id, _RESET_EXCEPT_ID_AND_BAUD_RATE

@@ -157,5 +157,6 @@ def _read(exchange: Exchange, servo_id: int, table: Model, name: str) -> float |
         exchange.send("request", packet.read(servo_id, block.address, block.length))
         for status in exchange.gather().answers.statuses:
             if len(status.parameters) == block.length:
-                return register.to_si(register.decode(status.parameters))
+                # Without the digits that come from the scale alone: 11.6, not 11.600000000000001.
+                return round(register.to_si(register.decode(status.parameters)), 9)
     return None

@@ -8,6 +8,7 @@ import ctypes
 import os
 import queue
 import select
+import socket
 import struct
 import threading
 import time
@@ -46,7 +47,23 @@ class Terminal:
         self.path = path
         self.master = -1
         self._slave = -1
-        self.plug()
+        # A name in Linux's abstract name space is free again when its process is gone.
+        self._claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            self._claim.bind(f"\0wackel-virtual:{path.absolute()}")
+        except OSError as error:
+            self._claim.close()
+            raise ConfigError(f"{path}: another virtual robot runs there; stop it first") from error
+        try:
+            self.plug()
+        except ConfigError:
+            self._claim.close()
+            raise
+
+    def close(self) -> None:
+        """Take the terminal away for good; the path is free for others."""
+        self.unplug()
+        self._claim.close()
 
     @property
     def plugged(self) -> bool:
@@ -135,7 +152,7 @@ class Ports:
             for name, path in (taps or {}).items():
                 self._taps[name] = Terminal(path)
         except ConfigError:
-            self._unplug_all()
+            self._close_all()
             raise
         self._calls: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._wake_out, self._wake_in = os.pipe()
@@ -148,7 +165,7 @@ class Ports:
     def __exit__(self, *_: object) -> None:
         self._submit(None)
         self._thread.join()
-        self._unplug_all()
+        self._close_all()
         os.close(self._wake_out)
         os.close(self._wake_in)
 
@@ -172,9 +189,9 @@ class Ports:
         self._calls.put(call)
         os.write(self._wake_in, b"\0")
 
-    def _unplug_all(self) -> None:
+    def _close_all(self) -> None:
         for terminal in (*self._terminals.values(), *self._taps.values()):
-            terminal.unplug()
+            terminal.close()
 
     def _run(self) -> None:
         _be_punctual()

@@ -163,7 +163,7 @@ def test_every_baud_rate_of_the_servos_can_be_set(tmp_path):
             with serial.Serial(str(terminal.path), rate):
                 assert terminal.baud_rate() == rate
     finally:
-        terminal.unplug()
+        terminal.close()
 
 
 def test_an_unplugged_adapter_gives_its_client_an_error_and_comes_back_at_the_same_path(
@@ -247,3 +247,9 @@ def test_an_error_of_a_call_comes_back_to_its_caller(ports):
     with pytest.raises(KeyError, match="absent"):
         ports.call(lambda buses: buses["absent"])
     assert ports.call(list) == ["main"]
+
+
+def test_a_port_belongs_to_one_virtual_robot_at_a_time(path):
+    with running(path), pytest.raises(ConfigError, match="another virtual robot runs there"):
+        Terminal(path)
+    Terminal(path).close()
