@@ -18,6 +18,7 @@ BENCHES = {
     "robot": "CPU and memory of a whole robot",
     "replay": "replay of a recording, against real time",
     "odometry": "cost, drift and consistency of the pose, recorded robots",
+    "diagnoser": "cost of the drive diagnosis, and how well drive faults are named; long",
     "start": "start and stop of every service",
     "crash": "kill -9 of every service during a fault",
     "bus_faults": "how well bus faults are named; the longest",

@@ -19,7 +19,7 @@ from wackel_schemas.message import Message
 from wackel_schemas.residuals import Residuals
 from wackel_schemas.virtual import Injection
 from wackel_virtual.calibration_errors import CalibrationErrors
-from wackel_virtual.drive_simulation import Cycle, DriveSimulation
+from wackel_virtual.drive_simulation import START_NS, Cycle, DriveSimulation
 
 GYRO = "body"
 WARM_UP_S = 30.0
@@ -33,7 +33,7 @@ class Rig:
     Attributes:
         simulation: The robot.
         diagnoser: What it is told.
-        bus: Where the servos are.
+        names: Of the wheels.
         path: Commanded twists, one a cycle.
         cycles: How many have passed.
         reports: All changes of faults.
@@ -43,6 +43,7 @@ class Rig:
 
     simulation: DriveSimulation
     diagnoser: Diagnoser
+    names: tuple[str, ...]
     path: Floats
     cycles: int = 0
     reports: list[FaultReport] = field(default_factory=list)
@@ -77,7 +78,8 @@ class Rig:
         rng = np.random.default_rng(Random(seed).getrandbits(63))
         sideways = config.kind in ("steered", "mecanum", "omni")
         path = random_path(rng, 60.0, sideways=sideways)
-        return cls(simulation, Diagnoser(config, {GYRO: gyro}), path)
+        names = tuple(wheel.name for wheel in config.wheels)
+        return cls(simulation, Diagnoser(config, {GYRO: gyro}), names, path)
 
     def copy(self) -> Self:
         """The same robot once more, to go another way from here."""
@@ -90,8 +92,6 @@ class Rig:
     @property
     def now_ns(self) -> int:
         """Stamp of the next command."""
-        from wackel_virtual.drive_simulation import START_NS
-
         return START_NS + self.cycles * 10_000_000
 
     def cycle(self, twist: Floats | None = None) -> Cycle:

@@ -28,7 +28,7 @@ def seen_after_s(rig: Rig, begin_ns: int) -> float:
     ("kind", "code", "within_s"),
     [
         ("wheel_blocked", "wheel_blocked", 0.15),
-        ("wheel_free", "wheel_free", 0.5),
+        ("wheel_free", "wheel_free", 1.7),
         ("drive_sensor_stuck", "wheel_sensor", 0.3),
     ],
 )

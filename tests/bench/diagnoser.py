@@ -1,0 +1,467 @@
+"""Diagnoser: cost of a step, and how well faults of simulated robots are named.
+
+Each robot has its own calibration errors, gyro, path and noise from its seed. It drives for half a
+minute without a fault, in which every report is a false alarm; then each kind of fault befalls a
+copy of it. The seeds of ``tune`` were used while thresholds were chosen; those of ``judge``, which
+this prints, were not.
+
+Named: at the end of the run the faulty components, and no others, are reported. Kind: and as the
+right kind, sensor or actuator, or the right row of the paper's table 1. The paper: the component
+that its Steps I to IV name most often in the same run.
+"""
+
+# ruff: noqa: E402
+import math
+import multiprocessing
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from random import Random
+from typing import Literal
+
+from wackel_node.algebra import single_threaded
+
+single_threaded()  # as the service does
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from tests.bench.result import Figure, side_by_side, table
+from tests.diagnoser.rig import WARM_UP_S, Rig
+from tests.odometry.simulation import differential_drive, steered_drive
+from wackel_diagnoser.core import Diagnoser
+from wackel_drive.layout import Layout
+from wackel_kinematics.candidates import Candidates
+from wackel_kinematics.forward import least_squares
+from wackel_kinematics.inverse import inverse
+from wackel_node.config_drive import DriveConfig, GyroConfig
+from wackel_schemas import component
+from wackel_schemas.residuals import Residuals
+
+ROBOTS = 100
+HEALTHY_S = 600.0
+"""Driving without a fault of each robot of the second table."""
+SETTLE_S = 2.5
+
+Physics = Literal["fast", "mujoco"]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A row of the table.
+
+    Attributes:
+        name: Of the row.
+        faults: Kinds of the simulation; two for a double fault.
+        value: Draws a strength.
+        codes: Which of the fault codes are right.
+        fault: The class, for the paper; empty where it is not asked.
+        lasts_s: How long it is watched.
+        named: The share of runs in which it should be named; 0: none is aimed at.
+        first_s: Time to the first report that is aimed at, median; 0: none.
+    """
+
+    name: str
+    faults: tuple[str, ...]
+    codes: tuple[str, ...]
+    value: Callable[[Random], float | None] = lambda _: None
+    fault: str = ""
+    lasts_s: float = SETTLE_S
+    named: float = 0.995
+    first_s: float = 0.0
+
+
+def _either_way(least: float, most: float) -> Callable[[Random], float]:
+    return lambda random: random.choice((-1, 1)) * random.uniform(least, most)
+
+
+def _between(least: float, most: float) -> Callable[[Random], float]:
+    return lambda random: random.uniform(least, most)
+
+
+KINDS = (
+    Kind("wheel blocked", ("wheel_blocked",), ("wheel_blocked",), fault="actuator", first_s=0.05),
+    Kind(
+        "wheel sticks",
+        ("wheel_temporarily_blocked",),
+        ("wheel_sticks", "wheel_blocked"),
+        _between(0.3, 0.9),
+        "actuator",
+    ),
+    Kind("wheel free, torque off", ("wheel_free",), ("wheel_free",), fault="actuator"),
+    Kind("wheel off its motor", ("wheel_loose",), ("wheel_free", "wheel_deviates"), named=0.0),
+    Kind(
+        "motor 10 to 50 % wrong",
+        ("drive_scale",),
+        ("wheel_deviates",),
+        _either_way(0.1, 0.5),
+        "actuator",
+    ),
+    Kind("steering blocked", ("steering_blocked",), ("steering_blocked",), fault="actuator"),
+    Kind(
+        "steering 3° to 15° off",
+        ("steering_offset",),
+        ("steering_offset", "steering_blocked"),
+        _either_way(math.radians(3), math.radians(15)),
+        "actuator",
+    ),
+    Kind(
+        "zero of steering 5° to 15° wrong",
+        ("steering_reference_error",),
+        ("steering_reference",),
+        _either_way(math.radians(5), math.radians(15)),
+        lasts_s=20.0,
+        named=0.9,
+    ),
+    Kind(
+        "drive sensor stuck",
+        ("drive_sensor_stuck",),
+        ("wheel_sensor",),
+        fault="sensor",
+        first_s=0.05,
+    ),
+    Kind(
+        "drive sensor 10 to 50 % wrong",
+        ("drive_sensor_scale",),
+        ("wheel_sensor",),
+        _either_way(0.1, 0.5),
+        "sensor",
+        first_s=0.05,
+    ),
+    Kind(
+        "steering sensor stuck",
+        ("steering_sensor_stuck",),
+        ("steering_sensor",),
+        fault="sensor",
+    ),
+    Kind(
+        "steering sensor 3° to 15° off",
+        ("steering_sensor_offset",),
+        ("steering_sensor",),
+        _either_way(math.radians(3), math.radians(15)),
+        "sensor",
+    ),
+    Kind(
+        "gyro jumps by 0.05 to 0.3 rad/s",
+        ("gyro_offset",),
+        ("gyro_deviates",),
+        _either_way(0.05, 0.3),
+        first_s=0.05,
+    ),
+    Kind("gyro frozen", ("gyro_frozen",), ("gyro_deviates",)),
+    Kind(
+        "two wheels blocked",
+        ("wheel_blocked", "wheel_blocked"),
+        ("two_faults", "wheel_blocked"),
+        named=0.95,
+    ),
+    Kind(
+        "wheel blocked, steering sensor stuck",
+        ("wheel_blocked", "steering_sensor_stuck"),
+        ("two_faults",),
+        named=0.95,
+    ),
+    Kind(
+        "two drive sensors stuck",
+        ("drive_sensor_stuck", "drive_sensor_stuck"),
+        ("two_faults",),
+        named=0.95,
+    ),
+    Kind("push", ("push",), ("drive_disturbed",), _between(0.5, 2.0), lasts_s=0.6, named=0.0),
+    Kind("ice under a wheel", ("ice_patch",), ("drive_disturbed",), named=0.0),
+)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One fault of one robot.
+
+    Attributes:
+        kind: Number of the row.
+        first_s: Time to the first report; ``None``: there was none.
+        first: It named a faulty component.
+        named: As above.
+        code: As above.
+        by_paper, by_paper_kind: What the paper's steps named.
+    """
+
+    kind: int
+    first_s: float | None
+    first: bool
+    named: bool
+    code: bool
+    by_paper: bool
+    by_paper_kind: bool
+
+
+@dataclass(frozen=True)
+class Robot:
+    """One robot of the tables.
+
+    Attributes:
+        outcomes: Of each fault.
+        healthy_s: Driving without a fault.
+        alarms: Reports meanwhile.
+        paper_s: Time of it in which the paper's steps named something.
+    """
+
+    outcomes: list[Outcome]
+    healthy_s: float
+    alarms: list[str]
+    paper_s: float
+
+
+def robot(job: tuple[int, Physics, str]) -> Robot:
+    """Half a minute without a fault, then each fault."""
+    wheels, physics, seed = job
+    rig = Rig.of(seed, wheels, physics=physics)
+    paper = 0
+    for _ in range(round(WARM_UP_S * 10)):
+        rig.drive(0.1)
+        paper += bool(_paper(rig.residuals)[0])
+    outcomes = [_befall(rig.copy(), number, seed) for number in range(len(KINDS))]
+    alarms = [report.code for report in rig.reports if report.status == "active"]
+    return Robot(outcomes, WARM_UP_S, alarms, 0.1 * paper)
+
+
+def _befall(rig: Rig, number: int, seed: str) -> Outcome:
+    kind = KINDS[number]
+    random = Random(f"{seed}/{kind.name}")
+    rig.drive(random.uniform(0.0, 2.0))
+    rig.reports.clear()
+    begin = rig.now_ns
+    names = rig.names
+    wheels = random.sample(range(len(names)), len(kind.faults))
+    true = set()
+    for fault, wheel in zip(kind.faults, wheels, strict=True):
+        part = "steering" if fault.startswith("steering") else "drive"
+        if fault.startswith("gyro"):
+            rig.inject(fault, value=kind.value(random))
+            true.add(component.gyro("body"))
+        elif fault == "push":
+            rig.inject(fault, value=kind.value(random))
+            true.add(component.DRIVE)
+        else:
+            rig.inject(fault, names[wheel], kind.value(random))
+            ground = fault == "ice_patch"
+            true.add(component.DRIVE if ground else f"wheel/{names[wheel]}/{part}")
+    votes: Counter[tuple[tuple[str, ...], str]] = Counter()
+    for _ in range(round(kind.lasts_s * 10)):
+        rig.drive(0.1)
+        votes[_paper(rig.residuals)] += 1
+    started = [report for report in rig.reports if report.status == "active"]
+    final = rig.active()
+    if kind.named == 0.0:  # what passes by itself counts if it was named at all
+        final = [(report.code, report.component) for report in started]
+    named = {path for _, path in final} == true
+    votes.pop(((), ""), None)
+    by_paper, fault = votes.most_common(1)[0][0] if votes else ((), "")
+    return Outcome(
+        number,
+        (started[0].stamp - begin) / 1e9 if started else None,
+        bool(started) and started[0].component in true,
+        named,
+        named and all(code in kind.codes for code, _ in final),
+        set(by_paper) == true,
+        set(by_paper) == true and fault == kind.fault,
+    )
+
+
+def _paper(residuals: Residuals | None) -> tuple[tuple[str, ...], str]:
+    """Components and class that the paper's steps name."""
+    if residuals is None:
+        return (), ""
+    steps = {step.step: step for step in residuals.steps}
+    found = steps.get("III")
+    components = tuple(found.components) if found is not None else ()
+    fourth = steps.get("IV")
+    fault = ""
+    if fourth is not None and components:
+        fault = "sensor" if "sensor is wrong" in fourth.text else "actuator"
+    return components, fault
+
+
+def healthy(job: tuple[int, float, float, str]) -> tuple[float, float, list[str]]:
+    """Drives without a fault: how much worse calibrated, for how long, what was reported."""
+    wheels, worse, seconds, seed = job
+    rig = Rig.of(seed, wheels, worse=worse)
+    rig.drive(seconds)
+    return worse, seconds, [f"{r.code} {r.component}" for r in rig.reports if r.status == "active"]
+
+
+def run(
+    *,
+    quick: bool = False,
+    robots: int | None = None,
+    mujoco: int | None = None,
+    healthy_s: float | None = None,
+    seeds: str = "judge",
+) -> list[Table]:
+    """Cost, then all robots in two processes.
+
+    Args:
+        quick: A few robots.
+        robots: Of each number of wheels, in the fast simulation.
+        mujoco: The same with contact physics.
+        healthy_s: Of each robot without a fault.
+        seeds: ``judge`` or ``tune``.
+    """
+    count = robots if robots is not None else 4 if quick else ROBOTS
+    touching = mujoco if mujoco is not None else 1 if quick else ROBOTS
+    seconds = healthy_s if healthy_s is not None else HEALTHY_S / 10 if quick else HEALTHY_S
+    counts: list[tuple[Physics, int]] = [("fast", count), ("mujoco", touching)]
+    sets = [(wheels, physics, many) for physics, many in counts if many for wheels in (3, 4)]
+    tables = _cost(quick)
+    with (
+        multiprocessing.get_context("spawn").Pool(2) as pool,
+        Progress(console=Console(stderr=True), transient=True) as progress,
+    ):
+        for wheels, physics, many in sets:
+            jobs = [(wheels, physics, f"{seeds}/{physics}/{wheels}/{i}") for i in range(many)]
+            bar = progress.add_task(f"{wheels} wheels, {physics}", total=many)
+            found = []
+            for each in pool.imap_unordered(robot, jobs):
+                found.append(each)
+                progress.advance(bar)
+            tables.append(_faults_table(found, f"{wheels} steered wheels, {physics}, {seeds!r}"))
+        quiet = [
+            (wheels, worse, seconds, f"{seeds}/healthy/{wheels}/{worse:g}/{i}")
+            for wheels in (3, 4)
+            for worse in (1.0, 3.0)
+            for i in range(count)
+        ]
+        bar = progress.add_task("no faults", total=len(quiet))
+        silent = []
+        for result in pool.imap_unordered(healthy, quiet):
+            silent.append(result)
+            progress.advance(bar)
+    tables.append(_healthy_table(silent))
+    return tables
+
+
+def _faults_table(robots: list[Robot], title: str) -> Table:
+    shown = Table(title=f"Diagnoser: {title}, {len(robots)} robots", title_justify="left")
+    for heading in (
+        "fault", "seen %", "first right %", "named %", "kind %", "p50 s", "p95 s",
+        "paper: named %", "paper: kind %", "met",
+    ):  # fmt: skip
+        shown.add_column(heading, justify="left" if heading == "fault" else "right")
+    for number, kind in enumerate(KINDS):
+        rows = [row for robot in robots for row in robot.outcomes if row.kind == number]
+        times = sorted(row.first_s if row.first_s is not None else math.inf for row in rows)
+        named = sum(row.named for row in rows) / len(rows)
+        median = times[(len(times) - 1) // 2]
+        met = named >= kind.named and (not kind.first_s or median <= kind.first_s)
+        shown.add_row(
+            kind.name,
+            _share([row.first_s is not None for row in rows]),
+            _share([row.first for row in rows]),
+            _share([row.named for row in rows]),
+            _share([row.code for row in rows]),
+            f"{median:.2f}",
+            f"{times[math.ceil(0.95 * len(times)) - 1]:.2f}",
+            _share([row.by_paper for row in rows]),
+            _share([row.by_paper_kind for row in rows]) if kind.fault else "",
+            {True: "[green]yes", False: "[red]NO"}[met] if kind.named else "",
+        )
+    hours = sum(robot.healthy_s for robot in robots) / 3600
+    alarms = Counter(code for robot in robots for code in robot.alarms)
+    said = ", ".join(f"{count} {code}" for code, count in alarms.items()) or "none"
+    wrong = sum(robot.paper_s for robot in robots) / 36 / hours
+    shown.caption = (
+        f"false alarms before the faults, in {hours:.2f} h: {said}; the paper's steps name "
+        f"something in {wrong:.1f} % of that time"
+    )
+    return shown
+
+
+def _healthy_table(found: list[tuple[float, float, list[str]]]) -> Table:
+    figures = []
+    for worse, budget in ((1.0, 0.01), (3.0, 0.1)):
+        mine = [(seconds, said) for factor, seconds, said in found if factor == worse]
+        hours = sum(seconds for seconds, _ in mine) / 3600
+        alarms = Counter(code for _, said in mine for code in said)
+        name = "as configured" if worse == 1.0 else "three times worse than configured"
+        figures.append(
+            Figure(
+                f"calibration {name}: in {hours:.2f} h ({dict(alarms) or 'none'})",
+                alarms.total() / hours,
+                "/h",
+                None,
+                budget,
+            )
+        )
+    return table("Diagnoser: false alarms without any fault", figures)
+
+
+def _share(flags: list[bool]) -> str:
+    return f"{100 * sum(flags) / len(flags):.1f}"
+
+
+def _cost(quick: bool) -> list[Table]:
+    """CPU time from the messages of a cycle to the conclusions, beside the least arithmetic."""
+    drives = {
+        "2 fixed wheels": differential_drive(),
+        **{f"{n} steered wheels": steered_drive(n) for n in (3, 4, 6, 8)},
+    }
+    actions: list[Callable[[], object]] = [_cycle(config) for config in drives.values()]
+    *figures, bare = side_by_side(
+        *actions, _bare(4), rounds=15 if quick else 60, calls=50, cpu=True
+    )
+    by_name = dict(zip(drives, figures, strict=True))
+    peer = ("least squares and all candidates, 4 wheels", bare)
+    return [
+        table(
+            "Diagnoser: CPU of a step with a gyro and a new command, nothing wrong",
+            [
+                Figure(name, figure, "µs", peer if name == "4 steered wheels" else None)
+                for name, figure in by_name.items()
+            ]
+            + [
+                Figure("4 steered wheels, budget", by_name["4 steered wheels"], "µs", None, 150.0),
+                Figure("8 steered wheels, budget", by_name["8 steered wheels"], "µs", None, 400.0),
+                Figure(
+                    "8 wheels by 4",
+                    by_name["8 steered wheels"] / by_name["4 steered wheels"],
+                    "",
+                ),
+            ],
+        )
+    ]
+
+
+def _cycle(config: DriveConfig) -> Callable[[], object]:
+    """The next cycle of a robot that drives without end, from messages that lie ready."""
+    rig = Rig.of("cost", config)
+    cycles = [rig.cycle() for _ in range(2000)]
+    diagnoser = Diagnoser(config, {"body": GyroConfig()})
+    span = cycles[-1].state.stamp - cycles[0].state.stamp + 10_000_000
+    at = 0
+
+    def cycle() -> None:
+        nonlocal at
+        each = cycles[at % len(cycles)]
+        diagnoser.command(each.command)
+        diagnoser.imu("body", each.imu)
+        diagnoser.bus_state(rig.simulation.bus, each.state)
+        for message in (each.command, each.imu, each.state):
+            message.stamp += span
+        at += 1
+
+    return cycle
+
+
+def _bare(wheels: int) -> Callable[[], object]:
+    """The least that any such diagnosis computes: forward kinematics and the candidates."""
+    drive = Layout(steered_drive(wheels)).drive
+    candidates = Candidates(drive)
+    motion = inverse(drive, np.array([0.5, 0.1, 0.3]), drive.steering(np.zeros(wheels)))
+
+    def step() -> None:
+        rows, values = drive.rows(motion.steering), drive.values(motion.wheel_rate)
+        least_squares(rows, values, drive.length_m)
+        candidates.twists(rows, values)
+
+    return step
