@@ -26,6 +26,7 @@ END_S = 52.0
 FREE_PHASE_S = (15.0, BLOCKED_S - 0.5)
 """Fast enough for thresholds in m/s to mean something, and before the block."""
 BLOCKED_PHASE_S = (BLOCKED_S + 1.0, END_S)
+NOTHING = "names nothing"
 EXPECTED = "000101"
 """Signature of the rate of wheel 3 (paper, section 4.2)."""
 
@@ -118,11 +119,10 @@ class PaperLog:
         return min(self.residuals, key=lambda each: abs(each[0] - time_s))[1]
 
     def swinging(self) -> Residuals | None:
-        """Of the free phase, what shows the paper's signature, else its last."""
+        """Of the free phase, what shows the paper's signature best, if anything does."""
         phase = self.between(FREE_PHASE_S)
         telling = [each for _, each in phase if each.signature == EXPECTED]
-        shown = telling or [each for _, each in phase]
-        return shown[-1] if shown else None
+        return max(telling or [each for _, each in phase], key=_swing, default=None)
 
     def mean_rates(self, phase: tuple[float, float]) -> Floats:
         """Mean speed of each wheel by what was wanted of it; NaN where nothing was heard."""
@@ -147,17 +147,29 @@ class PaperLog:
         return (stamp - (self._start_ns or stamp)) / 1e9
 
 
+def _swing(residuals: Residuals) -> float:
+    """How far the candidates that use the rate of wheel 3 miss the command, m/s."""
+    wanted = (residuals.commanded or [0.0])[0]
+    return max(
+        (
+            abs(candidate.vx - wanted)
+            for candidate in residuals.candidates
+            if candidate.vx is not None and candidate.name.endswith(";3)")
+        ),
+        default=0.0,
+    )
+
+
 def signatures(residuals: Sequence[tuple[float, Residuals]]) -> list[tuple[str, float]]:
     """Signatures by share, the most frequent first."""
     counts = Counter(each.signature for _, each in residuals)
     return [(name, count / len(residuals)) for name, count in counts.most_common()]
 
 
-def step_names(residuals: Sequence[tuple[float, Residuals]], step: str) -> dict[str, float]:
-    """What a step of the paper names, by share of the residuals; ``nothing`` for none."""
+def verdicts(residuals: Sequence[tuple[float, Residuals]], step: str) -> dict[str, float]:
+    """What a step of the paper names, and what it says of it, by share of the residuals."""
     counts: Counter[str] = Counter()
     for _, each in residuals:
-        found = [s for s in each.steps if s.step == step]
-        names = " or ".join(found[-1].components) if found else ""
-        counts[names or "nothing"] += 1
-    return {name: count / len(residuals) for name, count in counts.most_common()}
+        found = [s for s in each.steps if s.step == step and s.components]
+        counts[f"{' or '.join(found[0].components)}: {found[0].text}" if found else NOTHING] += 1
+    return {words: count / len(residuals) for words, count in counts.most_common()}

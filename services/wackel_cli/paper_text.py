@@ -9,7 +9,7 @@ from wackel_cli.paper_log import (
     FREE_PHASE_S,
     PaperLog,
     signatures,
-    step_names,
+    verdicts,
 )
 from wackel_schemas.residuals import Residuals
 
@@ -76,16 +76,14 @@ def story(log: PaperLog, *, play: float, hertz: float) -> str:
 def _phase(residuals: Sequence[tuple[float, Residuals]]) -> list[str]:
     if not residuals:
         return ["  the diagnoser has said nothing"]
-    return [
-        *(f"  {signature}  {share:6.1%}" for signature, share in signatures(residuals)[:_SHOWN]),
-        *(
-            f"  Step {step}: "
-            + ", ".join(
-                f"{name} {share:.1%}" for name, share in step_names(residuals, step).items()
-            )
-            for step in ("II", "III", "IV")
-        ),
+    lines = [
+        f"  {share:6.1%}  signature {signature}"
+        for signature, share in signatures(residuals)[:_SHOWN]
     ]
+    for step in ("III", "IV"):
+        said = list(verdicts(residuals, step).items())[:_SHOWN]
+        lines += [f"  {share:6.1%}  Step {step}  {words}" for words, share in said]
+    return lines
 
 
 def _shares(log: PaperLog) -> list[tuple[int, float]]:

@@ -1,5 +1,6 @@
 """``wackel paper``: what is made of what was heard; the experiment itself takes a minute."""
 
+import re
 from pathlib import Path
 
 import msgspec
@@ -12,7 +13,7 @@ from wackel_cli.paper_log import (
     EXPECTED,
     PaperLog,
     signatures,
-    step_names,
+    verdicts,
 )
 from wackel_cli.paper_text import story
 from wackel_cli.wheeled_robot import three_wheels
@@ -43,7 +44,7 @@ def residuals(at_s: float, signature: str) -> Residuals:
             for name, bit in zip(NAMES, signature, strict=True)
         ],
         signature=signature,
-        steps=[PaperStep(step="III", text="", components=["wheel/w3/drive"])]
+        steps=[PaperStep(step="III", text="not the others", components=["wheel/w3/drive"])]
         if at_s > BLOCKED_S
         else [],
     )
@@ -85,8 +86,8 @@ def heard() -> PaperLog:
 def test_signatures_and_verdicts_are_counted_by_phase(heard: PaperLog) -> None:
     free = heard.between((10.0, 30.05))
     assert dict(signatures(free)) == pytest.approx({EXPECTED: 0.5, "000000": 0.5}, abs=0.01)
-    assert step_names(free, "III") == {"nothing": 1.0}
-    assert step_names(heard.between((40.0, 50.0)), "III") == {"wheel/w3/drive": 1.0}
+    assert verdicts(free, "III") == {"names nothing": 1.0}
+    assert verdicts(heard.between((40.0, 50.0)), "III") == {"wheel/w3/drive: not the others": 1.0}
 
 
 def test_rates_are_compared_with_what_was_wanted(heard: PaperLog) -> None:
@@ -112,9 +113,10 @@ def test_what_came_before_the_first_command_does_not_count() -> None:
 def test_the_text_tells_signatures_verdicts_and_differences(heard: PaperLog) -> None:
     text = story(heard, play=0.25, hertz=2.0)
     assert ", ".join(NAMES) in text
-    assert "  000101   50." in text
-    assert "  111111  100.0%" in text
-    assert "Step III: wheel/w3/drive 100.0%" in text
+    assert re.search(r"  (49|50|51)\.\d%  signature 000101", text)
+    assert "  100.0%  signature 111111" in text
+    assert "  100.0%  Step III  wheel/w3/drive: not the others" in text
+    assert "  100.0%  Step III  names nothing" in text
     assert "wheel 1 0.90, wheel 2 0.90, wheel 3 0.00" in text
     assert "mean yaw rate by what was wanted: 0.07" in text
     assert "36.05 s  active: The drive of wheel w3 is blocked." in text
@@ -128,6 +130,16 @@ def test_a_computer_that_was_late_is_told(heard: PaperLog) -> None:
     text = story(heard, play=0.25, hertz=2.0)
     assert "itself was late" in text
     assert text.count("is blocked.") == 1
+
+
+def test_the_figure_shows_where_the_free_wheel_swings_most(heard: PaperLog) -> None:
+    swinging = heard.swinging()
+    assert swinging is not None
+    assert swinging.signature == EXPECTED
+    best = residuals(20.0, EXPECTED)
+    best.candidates[3].vx = 2.9
+    heard.on_residuals(best)
+    assert heard.swinging() == best
 
 
 def test_a_phase_without_residuals_says_so() -> None:
