@@ -26,6 +26,7 @@ class LossTest:
         limit: Threshold h.
 
     Attributes:
+        sum: Page's, from zero to a little more than the limit.
         alarmed: Whether they are; holds until the sum has fallen to zero.
     """
 
@@ -35,21 +36,21 @@ class LossTest:
         self._gain = math.log(noticeable / ordinary)
         self._drift = math.log((1 - noticeable) / (1 - ordinary))
         self._limit = limit
-        self._sum = 0.0
+        self.sum = 0.0
         self.alarmed = False
 
     def add(self, failures: int, successes: int) -> None:
         """Takes in one period."""
-        total = self._sum + failures * self._gain + successes * self._drift
-        self._sum = min(max(total, 0.0), self._limit + FORGET)
-        if self._sum >= self._limit:
+        total = self.sum + failures * self._gain + successes * self._drift
+        self.sum = min(max(total, 0.0), self._limit + FORGET)
+        if self.sum >= self._limit:
             self.alarmed = True
-        elif not self._sum:
+        elif not self.sum:
             self.alarmed = False
 
     def reset(self) -> None:
         """Begins anew."""
-        self._sum = 0.0
+        self.sum = 0.0
         self.alarmed = False
 
 

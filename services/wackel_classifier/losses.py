@@ -175,7 +175,7 @@ class Losses:
         successes, failures = self._successes, self._failures
         if any(successes) or any(failures):
             for test, failed, succeeded in zip(self._tests, failures, successes, strict=False):
-                if succeeded or failed:
+                if failed or test.sum:  # successes alone leave it at zero
                     test.add(failed, succeeded)
             self._tests[-1].add(sum(failures), sum(successes))
         self._history.append((successes, failures))
