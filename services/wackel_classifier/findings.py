@@ -39,12 +39,6 @@ class Book:
     def __init__(self) -> None:
         self._active: dict[tuple[str, str], FaultReport] = {}
 
-    def __bool__(self) -> bool:
-        return bool(self._active)
-
-    def __contains__(self, key: tuple[str, str]) -> bool:
-        return key in self._active
-
     def active(self) -> list[FaultReport]:
         """A report of each, in the order in which they began."""
         return list(self._active.values())

@@ -31,11 +31,6 @@ class Strangers:
         self._masters = _Seen(0, 0, 0)
         self._unexplained = _Seen(0, 0, 0)
 
-    @property
-    def suspicious(self) -> bool:
-        """Whether any was seen lately."""
-        return bool(self._servos or self._masters.times or self._unexplained.times)
-
     def servo(self, servo_id: int, now_ns: int, stamp: int) -> None:
         """An answer of an id that is not configured, or a second answer to one request."""
         if servo_id > MAX_ID:
