@@ -33,6 +33,8 @@ class Supply:
         self._candidate_ns = 0
         self._candidate_stamp = 0
         self._found: Finding | None = None
+        self._stepped = 0  # the cable of the greatest drop, counted from the supply
+        self._place: int | None = None  # the same of what has been found
         self._lone: int | None = None  # the only servo behind the candidate
         self._lone_volts: list[float] = []  # lowest and highest since then
 
@@ -60,7 +62,7 @@ class Supply:
     def gone(self, position: int) -> None:
         """A servo is out of reach."""
         self._volts[position] = None
-        self._candidate = self._found = self._lone = None
+        self._candidate = self._found = self._place = self._lone = None
 
     def _is_steady(self) -> bool:
         """Whether there is but one servo behind the candidate, and its voltage does not sway."""
@@ -86,10 +88,11 @@ class Supply:
             seen = [*self._lone_volts, known[self._lone]]
             self._lone_volts = [min(seen), max(seen)]
         if found is None:
-            self._found = None
+            self._found = self._place = None
         elif min(self._read_ns) > self._candidate_ns:
             found.since = self._candidate_stamp
             self._found = found
+            self._place = self._stepped if found.code == "contact_resistance" else None
 
     def findings(
         self, complaining: list[int], undervoltage: list[int], stamp: int
@@ -127,18 +130,23 @@ class Supply:
         along = volts if chain.power == "adapter" else volts[::-1]
         drops = [before - after for before, after in pairwise(along)]
         greatest = max(range(len(drops)), key=drops.__getitem__)
+        # Readings of different times sway: what has been found stays while it can be true.
+        known = self._place
+        kept = known is not None and min(along[: known + 1]) - max(along[known + 1 :]) >= STEP_V
+        if known is not None and kept:
+            greatest = known
+        self._stepped = greatest
         drop = drops[greatest]
         others = median(abs(d) for i, d in enumerate(drops) if i != greatest) if drops[1:] else 0.0
         behind = along[greatest + 1 :]
         before = along[greatest]
         # What lies behind is lower than what lies before, and none of it stands out.
-        if drop < STEP_V or max(behind) > before - max(drop, STEP_V) / 2:
+        stands_out = max(behind) > before - max(drop, STEP_V) / 2
+        if not kept and (drop < max(STEP_V, STEP_RATIO * others) or stands_out):
             return None
         # Cable k leads to servo k; seen from the far end, from it to the servo before.
         first = greatest + 1 if chain.power == "adapter" else len(chain) - 2 - greatest
         cable = chain.cable(first if chain.power == "adapter" else first + 1)
-        if drop < STEP_RATIO * others and (self._found is None or self._found.component != cable):
-            return None
         alone = len(behind) == 1
         return Finding(
             "contact_resistance",

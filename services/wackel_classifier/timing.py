@@ -41,6 +41,9 @@ SLOWEST_NS = 1_200_000
 DRIFT_NS = 30_000
 """A slow change that is told: half of what is late at once. Page's test (CUSUM) for a shift by this
 adds up what exceeds half of it."""
+DRIFT_LEAST = 16
+"""So many answers at least, some five seconds, whatever the scatter: what comes and goes is no
+drift."""
 DRIFT_BASELINE = 64
 """Answers of a servo that tell how it differs from its peers when it is sound."""
 DRIFT_PEERS = 9
@@ -88,12 +91,13 @@ REGISTER_UNIT_NS = 2_000
 class _Drift:
     """How a servo's answers move against its peers'.
 
-    Attributes: ``usual_ns`` mean difference of the first ``samples``; ``excess_ns`` the test's sum,
-    above zero since ``since``; ``moved_ns`` sum and ``count`` of the differences since then.
+    Attributes: ``first`` differences, and ``usual_ns`` their median once they are complete;
+    ``excess_ns`` the test's sum, above zero since ``since``; ``moved_ns`` sum and ``count`` of the
+    differences since then.
     """
 
+    first: list[float] = field(default_factory=list)
     usual_ns: float = 0.0
-    samples: int = 0
     excess_ns: float = 0.0
     since: int = 0
     moved_ns: float = 0.0
@@ -101,26 +105,26 @@ class _Drift:
 
     def add(self, difference_ns: float, limit_ns: float, stamp: int) -> None:
         """Takes in a difference from the peers."""
-        if self.samples < DRIFT_BASELINE:
-            self.samples += 1
-            self.usual_ns += (difference_ns - self.usual_ns) / self.samples
+        if len(self.first) < DRIFT_BASELINE:
+            self.first.append(difference_ns)
+            self.usual_ns = median(self.first)
             return
         moved_ns = max(-LEAST_LATE_NS, min(difference_ns - self.usual_ns, LEAST_LATE_NS))
         if not self.excess_ns:
             self.since, self.moved_ns, self.count = stamp, 0.0, 0
         self.moved_ns += moved_ns
         self.count += 1
+        excess_ns = self.excess_ns + min(moved_ns, DRIFT_NS) - DRIFT_NS / 2
         # What exceeds the limit is not saved up: a repair shall show.
-        excess_ns = min(self.excess_ns + moved_ns - DRIFT_NS / 2, limit_ns + LEAST_LATE_NS)
-        self.excess_ns = max(0.0, excess_ns)
+        self.excess_ns = max(0.0, min(excess_ns, limit_ns + LEAST_LATE_NS))
 
 
 @dataclass(slots=True)
 class _Servo:
     """Attributes: ``delays`` the latest; ``late`` answers in a row that came late although another
-    servo's just before had not, since ``late_since``; ``on_time`` answers in a row after these;
-    ``register`` Return Delay Time, since ``register_since``; ``after_time_out`` answers that came
-    when nobody listened, the last at ``after_time_out_ns``.
+    servo's just before had not, less those where it had, since ``late_since``; ``on_time`` answers
+    in a row after these; ``register`` Return Delay Time, since ``register_since``;
+    ``after_time_out`` answers that came when nobody listened, the last at ``after_time_out_ns``.
     """
 
     delays: deque[int] = field(default_factory=lambda: deque(maxlen=SAMPLES))
@@ -207,7 +211,10 @@ class Timing:
             servo.on_time += 1
             if servo.late < self._late_in_row or servo.on_time >= LATE_IN_ROW:
                 servo.clear()
-        elif not self._other_late:  # else it may be the host or the adapter, for all alike
+        elif self._other_late:  # it may be the host or the adapter, for all alike
+            if 0 < servo.late < self._late_in_row:
+                servo.late -= 1
+        else:
             servo.on_time = 0
             if not servo.late:
                 servo.late_since = stamp
@@ -296,7 +303,8 @@ class Timing:
     def _drift_limit_ns(self) -> float:
         """Where chance alone gets once in 1 / :data:`BY_CHANCE` answers (Wald's approximation)."""
         deviation_ns = max(DRIFT_SCATTER_NS, 1.5 * self._scatter_ns)  # of a normal distribution
-        return -log(BY_CHANCE) * deviation_ns**2 / DRIFT_NS
+        by_chance_ns = -log(BY_CHANCE) * deviation_ns**2 / DRIFT_NS
+        return max(by_chance_ns, DRIFT_LEAST * DRIFT_NS / 2)
 
     def _margin(self) -> float:
         return max(LEAST_LATE_NS, SCATTER * self._scatter_ns)
