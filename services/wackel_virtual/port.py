@@ -5,6 +5,7 @@ delivered them; the baud rate is the one that the client has set on the terminal
 """
 
 import ctypes
+import hashlib
 import os
 import queue
 import select
@@ -47,10 +48,12 @@ class Terminal:
         self.path = path
         self.master = -1
         self._slave = -1
-        # A name in Linux's abstract name space is free again when its process is gone.
+        # A name in Linux's abstract name space is free again when its process is gone. It has 107
+        # bytes, a path may have more.
+        name = hashlib.sha256(bytes(path.absolute())).hexdigest()
         self._claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         try:
-            self._claim.bind(f"\0wackel-virtual:{path.absolute()}")
+            self._claim.bind(f"\0wackel-virtual:{name}")
         except OSError as error:
             self._claim.close()
             raise ConfigError(f"{path}: another virtual robot runs there; stop it first") from error

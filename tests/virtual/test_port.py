@@ -253,3 +253,10 @@ def test_a_port_belongs_to_one_virtual_robot_at_a_time(path):
     with running(path), pytest.raises(ConfigError, match="another virtual robot runs there"):
         Terminal(path)
     Terminal(path).close()
+
+
+def test_a_port_may_have_a_long_path(tmp_path: Path):
+    directory = tmp_path / ("long" * 40)
+    directory.mkdir()
+    with running(directory / "bus"):
+        assert (directory / "bus").exists()
