@@ -119,32 +119,35 @@ def _experiment(directory: Path) -> "PaperLog | None":
 
         link.subscribe(keys.ALIVE, on_heartbeat)
 
-        def wait(condition: Callable[[], bool], limit_s: float, what: str) -> bool:
+        def wait(condition: Callable[[], bool], limit_s: float, what: Callable[[], str]) -> bool:
             """False if a signal came."""
             limit = time.monotonic() + limit_s
             while not condition():
                 if stopped():
                     return False
                 if time.monotonic() > limit:
-                    raise NotRun(f"{what} within {limit_s:g} s: is the computer too busy?")
+                    raise NotRun(f"{what()} within {limit_s:g} s: is the computer too busy?")
                 link.pump(_PUMP_S)
                 supervisor.step()
                 progress.update(task, completed=heard.now_s)
             return True
 
-        if not wait(lambda: ready >= {job.name for job in jobs}, READY_S, "not all are ready"):
+        def unready() -> str:
+            return f"not ready: {', '.join(sorted({job.name for job in jobs} - ready))}"
+
+        if not wait(lambda: ready >= {job.name for job in jobs}, READY_S, unready):
             return None
         _subscribe(link, heard)
         _inject(link, Injection(kind="wheel_free", wheel=WHEELS[2], value=PLAY))
         with supervised(link, [pilot], _note, services_log):
             progress.update(task, description="driving")
-            if not wait(lambda: heard.started, READY_S, "the pilot does not drive"):
+            if not wait(lambda: heard.started, READY_S, lambda: "the pilot does not drive"):
                 return None
             _inject(
                 link,
                 Injection(kind="wheel_blocked", wheel=WHEELS[2], start_s=BLOCKED_S - heard.now_s),
             )
-            if not wait(lambda: heard.now_s >= END_S, 2 * END_S, "the bus is silent"):
+            if not wait(lambda: heard.now_s >= END_S, 2 * END_S, lambda: "the bus is silent"):
                 return None
     if not heard.residuals:
         raise NotRun("the diagnoser has published no residuals")
