@@ -28,6 +28,8 @@ STEERING_STRAINED = 1.35
 """Of a steering's own motor: sensor faults show 0.2 to 1.3, blocked ones 1.4 to 1.7."""
 OTHERS_STRAINED = 1.3
 """Of the rolling motors of the other wheels when a steering stands off: they drag its wheel."""
+CHANGE = 1.0
+"""Evidence for the other kind from which on what was said is taken back."""
 WEIGHT = 4.0
 """Evidence of an effort that is e times the limit."""
 WINDOW_S = 1.5
@@ -53,6 +55,8 @@ class KindTest:
         self.seconds = 0.0
         self._xx = self._xe = 0.0
         self._efforts = np.zeros(2)
+        self._effort_s = 0.0
+        self._kind: Class = ""
 
     def step(self, measured: Measured, variance: Floats, efforts: Floats, seconds: float) -> None:
         """Takes in a step; ``efforts``: squares by what is usual, NaN where unknown."""
@@ -70,7 +74,10 @@ class KindTest:
             self._xx += expected * expected / noise
             self._xe += expected * shown / noise
         others = efforts[: len(self._others)][self._others]
-        self._efforts += seconds * np.array([efforts[self._own], others.mean()])
+        both = np.array([efforts[self._own], others.mean()])
+        if math.isfinite(float(both.sum())):
+            self._efforts += seconds * both
+            self._effort_s += seconds
 
     @property
     def share(self) -> tuple[float, float]:
@@ -81,7 +88,9 @@ class KindTest:
     @property
     def strains(self) -> tuple[float, float]:
         """Efforts by what is usual: its own motor's, and the other wheels'; NaN if unknown."""
-        own, others = np.sqrt(self._efforts / max(self.seconds, 1e-9)).tolist()
+        if not self._effort_s:
+            return math.nan, math.nan
+        own, others = np.sqrt(self._efforts / self._effort_s).tolist()
         return own, others
 
     def kind(self) -> Class:
@@ -96,7 +105,9 @@ class KindTest:
             evidence += _strain(own, STEERING_STRAINED) + _strain(others, OTHERS_STRAINED)
         else:
             evidence += _strain(own, STRAINED)
-        return "actuator" if evidence > 0 else "sensor"
+        if not self._kind or abs(evidence) > CHANGE:
+            self._kind = "actuator" if evidence > 0 else "sensor"
+        return self._kind
 
 
 def _strain(effort: float, limit: float) -> float:

@@ -31,6 +31,10 @@ FORCED = 0.8
 """A wheel's slip by what the references of all wheels, each with its own lag, force on it."""
 SHARED = 0.4
 """The same by the mean slip that they force on all wheels: friction passes it on."""
+DROOP_M_S = 0.03
+"""By how much a drive gives way while wheels fight, half of it already at a slip of GRIP_M_S: a
+tyre that slips pushes no harder if it slips more."""
+GRIP_M_S = 0.01
 YAWING = 0.3
 """The yaw rate that this causes, by what it would be if all wheels slipped the same way around."""
 JERK = 0.3
@@ -200,7 +204,8 @@ class Rows:
         if len(steered) == len(sliding):
             loose[slides] += sliding * turned * STEERING_LAG_S
         loose[self.steering] = PENDING * target.heading_gap[steered] + STEERING_LAG_S * turned
-        loose[rolling] += PENDING * np.abs(target.speed_gap)
+        droop = DROOP_M_S * mean / (mean + GRIP_M_S)
+        loose[rolling] += PENDING * np.abs(target.speed_gap) + droop
         jerk = np.abs(z[gyros] - self._gyro_before)
         loose[gyros] = YAWING * mean / self._length_m + JERK * jerk
         self._gyro_before = z[gyros]
