@@ -20,7 +20,6 @@ _WIDE = frozenset(("permanent_jammer", "noise", "loose_contact", "latency_timer"
 _ALSO = {
     "permanent_jammer": frozenset(("loose_contact",)),
     "rhythmic_jammer": frozenset(("stray_data",)),
-    "host_lag": frozenset(("latency_timer",)),  # a slow servo is held against its peers
     # Answers that the adapter delivers when the host no longer waits look like any of these.
     "latency_timer": frozenset(
         ("stray_data", "packet_loss", "loose_contact", "noise", "unexpected_servo")
