@@ -133,6 +133,10 @@ class Robot:
         """Injects a fault; UTC ns at which the wire had it."""
         return self._ask("inject", Injection(kind=kind, servo=servo, value=value, bus="main")).stamp
 
+    def disturb(self, injection: Injection) -> int:
+        """Injects a fault of the drive; UTC ns at which the robot had it."""
+        return self._ask("inject", injection).stamp
+
     def heal(self) -> None:
         """Ends all faults that were injected."""
         self._ask("heal", Injection(kind=""))
