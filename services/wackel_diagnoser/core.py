@@ -251,20 +251,20 @@ class Diagnoser:
         """For how long the faulty part has shown that nothing is wrong with it."""
         hypotheses, verdict = self._hypotheses, self._sequential.verdict
         evidence = float(likelihood[hypotheses.members[verdict]].max() - likelihood[0])
-        place = None
-        if len(hypotheses.explanations[verdict]) == 1:
-            place = hypotheses.place(hypotheses.explanations[verdict][0])
+        before, self._target_before = self._target_before, target.heading
         shows = True
-        if place is not None:
+        for path in hypotheses.explanations[verdict]:
+            place = hypotheses.place(path)
+            if place is None:
+                continue
             part, wheel = place
             roll = self._rows.roll_of(wheel)
-            shows = roll < 0 or abs(float(target.speed[roll])) > MOVING_M_S
-            before, self._target_before = self._target_before, target.heading
-            if before is not None and part == "steering":
+            shows &= roll < 0 or abs(float(target.speed[roll])) > MOVING_M_S
+            if part == "steering" and before is not None:
                 turned = abs(float(target.heading[wheel] - before[wheel]))
                 # Half turns are the same direction.
                 self._travelled += turned if turned < 1.0 else 0.0
-                shows = shows and self._travelled > TRAVELLED_RAD
+                shows &= self._travelled > TRAVELLED_RAD
         if evidence > CONTRARY:
             self._sound_s = self._travelled = 0.0
         elif shows:

@@ -34,8 +34,8 @@ CLEAR = 6.0
 """And by how much it must be better than for any other wheel."""
 NOISE = 0.01
 """rad/s by which the yaw rates of gyro and wheels differ in a block in fault-free driving."""
-FADING = 3.0
-"""By how many standard deviations an error must have fallen below LEAST_RAD to be healed."""
+INDEPENDENT = 0.25
+"""Share of a block that is new: they differ by the same for some tenths of a second."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,10 @@ class ReferenceErrors:
     def step(self, measured: Measured, seconds: float) -> None:
         """Takes in rows in which nothing else is suspected, and for how long they stand."""
         gyros = measured.z[self._rows.gyros]
-        if not (self._possible and len(gyros) and bool(measured.present.all())):
+        # While wheels turn they slip, which looks like any of them standing off.
+        where = self._rows.gyros
+        calm = bool((measured.loose[where] < measured.base[where]).all())
+        if not (self._possible and len(gyros) and calm and bool(measured.present.all())):
             self._open[:] = 0.0
             self._open_s = 0.0
             return
@@ -110,7 +113,7 @@ class ReferenceErrors:
             mean = block / self._open_s
             row, off = mean[:-1], float(mean[-1])
             fade = math.exp(-self._open_s / MEMORY_S)
-            share = self._open_s / BLOCK_S / NOISE**2
+            share = INDEPENDENT * self._open_s / BLOCK_S / NOISE**2
             self._information = fade * self._information + share * np.outer(row, row)
             self._right = fade * self._right + share * off * row
             block[:] = 0.0

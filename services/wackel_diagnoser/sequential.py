@@ -21,8 +21,9 @@ FALSE_ALARM_S = 100 * 3600.0
 """Designed mean time between false alarms."""
 WORST = 8.0
 """By how much a step may count against a hypothesis beside the best of that step."""
-DEEPEST = 16.0
-"""And by how much all steps together: an hour without a fault is no evidence against one now."""
+DEEPEST = 26.0
+"""And by how much all steps together: an hour without a fault is no evidence against one now. More
+than the smallest prior, or nothing could be overcome."""
 MEMORY_S = 0.35
 """Of isolation: what a fault looks like changes with the motion, which changes within a second."""
 LEAD = 3.0
