@@ -195,6 +195,7 @@ class Schedule:
         self._fast_from_ns = now_ns
         self._fast_now = True
         self._extra_ran = False
+        self._delays = False  # whether the latest job between cycles may delay the next one
         self._spare_ns = 0.0
         self._spare_since_ns = now_ns
         self._costs = _Costs()
@@ -273,7 +274,8 @@ class Schedule:
                 self._spare_ns -= took_ns
                 self._pinged(job.ids[0], answers, took_ns, ended_ns)
             case Stage.SLOW:
-                self._spare_ns -= took_ns
+                # What fitted into the pause has delayed nothing; it must not starve the silent.
+                self._spare_ns -= took_ns if self._delays else 0
                 self._costs.add("slow", took_ns)
                 if answers.missing:
                     self._suspect(job.ids[0], ended_ns)
@@ -418,25 +420,25 @@ class Schedule:
         if self._urgent and (fits["slow"] or not self._extra_ran):
             job = self._slow_job(_HARDWARE_ERROR, self._urgent.popleft())
             if job is not None:
-                return self._run_extra(job)
+                return self._run_extra(job, delays=not fits["slow"])
         if self._fresh and (fits["silent"] or not self._extra_ran):
             job = self._ping(self._fresh, now_ns)
             if job is not None:
-                return self._run_extra(job)
+                return self._run_extra(job, delays=not fits["silent"])
         # A ping that costs more than can be saved up is run on credit, which the debt repays.
         afforded = self._spare_ns >= min(costs["silent"], _SPARE_LIMIT_NS)
         if self._silent and afforded and (fits["silent"] or not self._extra_ran):
             job = self._ping(self._by_need(), now_ns)
             if job is not None:
-                return self._run_extra(job)
+                return self._run_extra(job, delays=not fits["silent"])
         if self._doubted and (fits["slow"] or not self._extra_ran):
             job = self._doubt()
             if job is not None:
-                return self._run_extra(job)
+                return self._run_extra(job, delays=not fits["slow"])
         if fits["slow"] or (self._spare_ns >= costs["slow"] and not self._extra_ran):
             job = self._voltage() or self._due(now_ns)
             if job is not None:
-                return self._run_extra(job)
+                return self._run_extra(job, delays=not fits["slow"])
         return None
 
     def _doubt(self) -> Job | None:
@@ -506,8 +508,9 @@ class Schedule:
         if not self._sweep:
             self._sweep.extend(self.present * _SWEEPS)
 
-    def _run_extra(self, job: Job) -> Job:
+    def _run_extra(self, job: Job, *, delays: bool) -> Job:
         self._extra_ran = True
+        self._delays = delays
         return job
 
     def _ping(self, waiting: deque[int], now_ns: int) -> Job | None:

@@ -296,3 +296,16 @@ def test_a_silent_bus_is_asked_for_ever_even_if_a_ping_costs_more_than_can_be_sa
         last_ping = now
         schedule.done(job, reader(job.instruction).read(b""), begin, now)
     assert last_ping > 58 * SECOND_NS
+
+
+def test_background_reads_in_the_pauses_take_nothing_from_the_pings_of_the_silent() -> None:
+    servos = [ServoConfig(id=i) for i in range(1, 31)]
+    config = BusConfig(port="none", rate=100.0, baud_rate=3_000_000, servos=servos)
+    run = Simulation(config, VirtualBus(config, seed=1), host_ns=300_000)
+    for _ in run.run(1.0):
+        pass
+    run.bus.inject(Injection(kind="silent", servo=5))
+    stages = Counter(job.stage for job, _ in run.run(5.0))
+    ping_s = run.schedule._costs.means["silent"] / 1e9
+    assert stages[Stage.SLOW] > 5 * 3 * 29  # as before
+    assert stages[Stage.PING] * ping_s > 0.08 * 5  # of the tenth that they may have
