@@ -170,9 +170,14 @@ class Diagnoser:
             or any(self._off_s)
         )
         messages: list[Message] = []
-        if changed or (
-            (suspected or self._reports.active())
-            and not 0 <= step.end - self._examined < EXAMINE_NS
+        # The first word: what a diagnoser before this one excluded is to be believed again.
+        if (
+            changed
+            or self._exclusions is None
+            or (
+                (suspected or self._reports.active())
+                and not 0 <= step.end - self._examined < EXAMINE_NS
+            )
         ):
             messages += self._examine(step.end)
         if changed or self._shown is None or not 0 <= step.end - self._shown < SHOW_NS:
@@ -283,7 +288,7 @@ class Diagnoser:
         found = [*self._findings(now)]
         messages: list[Message] = [*self._reports.update(found, now)]
         exclusions = self._excluded(found)
-        if exclusions != (self._exclusions or []):
+        if exclusions != self._exclusions:
             self._exclusions = exclusions
             messages.append(Exclusions(stamp=now, excluded=exclusions))
         return messages

@@ -232,7 +232,7 @@ def _befall(rig: Rig, number: int, seed: str) -> Outcome:
     rig.drive(random.uniform(0.0, 2.0))
     rig.reports.clear()
     begin = rig.now_ns
-    names = rig.names
+    names = [wheel.name for wheel in rig.config.wheels]
     wheels = random.sample(range(len(names)), len(kind.faults))
     true = set()
     for fault, wheel in zip(kind.faults, wheels, strict=True):

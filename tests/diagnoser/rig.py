@@ -33,7 +33,7 @@ class Rig:
     Attributes:
         simulation: The robot.
         diagnoser: What it is told.
-        names: Of the wheels.
+        config: Its drive.
         path: Commanded twists, one a cycle.
         cycles: How many have passed.
         reports: All changes of faults.
@@ -43,7 +43,7 @@ class Rig:
 
     simulation: DriveSimulation
     diagnoser: Diagnoser
-    names: tuple[str, ...]
+    config: DriveConfig
     path: Floats
     cycles: int = 0
     reports: list[FaultReport] = field(default_factory=list)
@@ -78,8 +78,7 @@ class Rig:
         rng = np.random.default_rng(Random(seed).getrandbits(63))
         sideways = config.kind in ("steered", "mecanum", "omni")
         path = random_path(rng, 60.0, sideways=sideways)
-        names = tuple(wheel.name for wheel in config.wheels)
-        return cls(simulation, Diagnoser(config, {GYRO: gyro}), names, path)
+        return cls(simulation, Diagnoser(config, {GYRO: gyro}), config, path)
 
     def copy(self) -> Self:
         """The same robot once more, to go another way from here."""

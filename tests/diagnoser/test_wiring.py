@@ -1,0 +1,74 @@
+"""Where the diagnoser is part of a robot, and what it says of one beforehand."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.odometry.simulation import BUS, differential_drive, steered_drive
+from wackel_aggregator.service import needed_services
+from wackel_cli.up import robot_jobs
+from wackel_diagnoser.explain import main
+from wackel_node.config import BusConfig, ConfigError, RobotConfig, ServoConfig, dump
+from wackel_node.config_drive import DriveConfig, GyroConfig
+
+BUSES = {BUS: BusConfig(port="p")}
+
+
+def names(config: RobotConfig) -> list[str]:
+    return [job.name for job in robot_jobs(config, Path("robot.toml"))]
+
+
+def robot(drive: DriveConfig, *, gyro: bool = True) -> RobotConfig:
+    ids = sorted({servo for wheel in drive.wheels for _, servo in wheel.servos()})
+    bus = BusConfig(port="p", servos=[ServoConfig(id=i) for i in ids])
+    return RobotConfig(buses={BUS: bus}, drive=drive, gyros={"body": GyroConfig()} if gyro else {})
+
+
+def explained(config: RobotConfig, directory: Path, *more: str) -> int:
+    path = directory / "robot.toml"
+    path.write_text(dump(config), encoding="utf-8")
+    return main([str(path), *more])
+
+
+def test_a_robot_with_wheels_runs_the_diagnoser_and_needs_it() -> None:
+    config = RobotConfig(buses=BUSES, drive=differential_drive())
+    assert "diagnoser/main" in names(config)
+    assert "diagnoser/main" in needed_services(config)
+
+
+def test_a_robot_without_wheels_does_without() -> None:
+    assert "diagnoser/main" not in names(RobotConfig(buses=BUSES))
+    assert "diagnoser/main" not in needed_services(RobotConfig(buses=BUSES))
+
+
+def test_four_steered_wheels_and_a_gyro_tell_everything_apart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert explained(robot(steered_drive(4)), tmp_path, "--json") == 0
+    faults = {line["component"]: line["motions"] for line in map(json.loads, _lines(capsys))}
+    assert set(faults) == {
+        *(f"wheel/w{i}/{part}" for i in range(4) for part in ("drive", "steering")),
+        "gyro/body",
+    }
+    for motions in faults.values():
+        assert any(seen["seen_s"] is not None and not seen["like"] for seen in motions.values())
+
+
+def test_without_a_gyro_it_says_what_is_lost(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert explained(robot(differential_drive(), gyro=False), tmp_path) == 0
+    text = "\n".join(_lines(capsys))
+    assert "without a gyro" in text
+    assert "The drive of wheel left" in text
+    assert "sideways" not in text  # it cannot go there
+
+
+def test_a_robot_without_wheels_cannot_be_explained(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="no \\[drive\\]"):
+        explained(RobotConfig(), tmp_path)
+
+
+def _lines(capsys: pytest.CaptureFixture[str]) -> list[str]:
+    return capsys.readouterr().out.splitlines()
