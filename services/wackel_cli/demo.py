@@ -35,6 +35,8 @@ from wackel_view.__main__ import write_layout
 
 PERIOD_S = 10.0
 SHOWN_S = 6.0  # how long a fault stays at least, so that one can read it
+START_S = 60.0
+WELL_S = 30.0  # a busy computer sees worse that a wheel is sound again
 LIMIT_S = 15.0  # a loose contact may take ten seconds to be told from ordinary loss
 SERVOS = 12
 SPEED_M_S = 0.3  # as fast as an XM430 turns a wheel of 5 cm, with some reserve
@@ -183,6 +185,7 @@ class Show:
         self._next = 0
         self._episode: Episode | None = None
         self._injected_s = -PERIOD_S
+        self._patient_until_s = time.monotonic() + START_S
         self._named = False
         self._known: set[tuple[str, str, int]] = set()
         follow(link, self.model)
@@ -196,7 +199,7 @@ class Show:
         if self._episode is None:
             if self._left == 0:
                 self.over = True
-            elif self._is_well() and now_s - self._injected_s >= PERIOD_S:
+            elif now_s - self._injected_s >= PERIOD_S and self._may_go_on(now_s):
                 self._inject(EPISODES[self._next % len(EPISODES)], now_s)
             return
         if not self._named:
@@ -204,9 +207,15 @@ class Show:
         if now_s - self._injected_s >= (SHOWN_S if self._named else LIMIT_S):
             self._heal(self._episode)
 
-    def _is_well(self) -> bool:
+    def _may_go_on(self, now_s: float) -> bool:
+        """Whether the robot is well again, or has not become so for long enough."""
         health = self.model.health
-        return health is not None and health.level == "ok"
+        if health is None or health.level == "ok":
+            return health is not None
+        if now_s < self._patient_until_s:
+            return False
+        self.tell(f"not well yet: {health.summary}")
+        return True
 
     def _inject(self, episode: Episode, now_s: float) -> None:
         self._known = {_occurrence(fault) for fault in self.model.faults("confirmed", "healed")}
@@ -231,6 +240,7 @@ class Show:
         if episode.reboot is not None:
             self.link.ask(BUS_REQUEST, BusRequest(operation="reboot", id=episode.reboot), bus=BUS)
         self.tell("the demo has repaired it")
+        self._patient_until_s = time.monotonic() + WELL_S
         self._episode = None
         self._next += 1
         if self._left is not None:

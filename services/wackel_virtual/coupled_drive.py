@@ -8,6 +8,7 @@ Whatever happens on the bus happens to the drive: a servo without supply, or wit
 an overload, lets its wheel roll or its steering stand.
 """
 
+from collections import deque
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
@@ -23,16 +24,28 @@ from wackel_virtual.servo import Servo
 
 TICK_NS = 5_000_000
 """A tenth of the motors' time constant: their speed changes by a few percent in a step."""
+KEPT = 8
+"""Steps that a shaft remembers: the drive may be ahead of who asks."""
 ARRIVED_RAD = 0.005
 """About the resolution of the sensors."""
 
 
 class Sample(NamedTuple):
-    """What a gyro measured: its name, the middle of the time that it is the mean of, rad/s."""
+    """What a gyro measured, rad/s: the mean of a time, of which middle and end are given."""
 
     name: str
     at_ns: int
+    end_ns: int
     rates: tuple[float, float, float]
+
+
+class _Shown(NamedTuple):
+    """A shaft after a step: rad, rad/s, A."""
+
+    at_ns: int
+    angle: float
+    rate: float
+    amperes: float
 
 
 class Shaft(Motion):
@@ -51,10 +64,8 @@ class Shaft(Motion):
         self._bus = bus
         self._servo = servo
         self._sign = sign
-        self._at = 0
-        self._angle = 0.0
-        self._rate = 0.0
-        self._amperes = 0.0
+        self._shown: deque[_Shown] = deque([_Shown(0, 0.0, 0.0, 0.0)], maxlen=KEPT)
+        self._now = self._shown[-1]
         self._forgotten = 0.0  # whole turns
 
     def drive(self, drive: Drive, goal: float, allowed: float, at_ns: int) -> None:
@@ -66,9 +77,12 @@ class Shaft(Motion):
     def advance(self, at_ns: int) -> None:
         """Move on to this time."""
         self._drive_train.catch_up(at_ns)
-        self.velocity = self._rate
-        passed_s = (at_ns - self._at) / 1e9
-        self.position = self._angle + self._rate * passed_s - self._forgotten
+        # The drive may be ahead of the time that is asked for.
+        self._now = now = next(
+            (shown for shown in reversed(self._shown) if shown.at_ns <= at_ns), self._shown[0]
+        )
+        self.velocity = now.rate
+        self.position = now.angle + now.rate * (at_ns - now.at_ns) / 1e9 - self._forgotten
 
     def unwind(self, turn: float) -> None:
         """Forget whole turns, rad."""
@@ -79,7 +93,7 @@ class Shaft(Motion):
     @property
     def current(self) -> float:
         """Motor current, A."""
-        return self._amperes
+        return self._now.amperes
 
     @property
     def arrived(self) -> bool:
@@ -91,8 +105,7 @@ class Shaft(Motion):
     def show(self, at_ns: int, angle: float, rate: float, amperes: float) -> None:
         """Where it is at this time, in the direction of the wheel."""
         sign = self._sign
-        self._at = at_ns
-        self._angle, self._rate, self._amperes = sign * angle, sign * rate, sign * amperes
+        self._shown.append(_Shown(at_ns, sign * angle, sign * rate, sign * amperes))
 
     @property
     def has_torque(self) -> bool:
@@ -104,7 +117,7 @@ class Shaft(Motion):
         """Speed that it wants, rad/s, in the direction of the wheel."""
         rate = self.goal
         if self.mode == "position":
-            rate = (self.goal + self._forgotten - self._angle) / TIME_CONSTANT_S
+            rate = (self.goal + self._forgotten - self._shown[-1].angle) / TIME_CONSTANT_S
         return self._sign * max(-self.allowed, min(self.allowed, rate))
 
     @property
@@ -112,7 +125,7 @@ class Shaft(Motion):
         """Angle that it wants, rad, in the direction of the wheel."""
         if self.mode == "position":
             return self._sign * (self.goal + self._forgotten)
-        return self._sign * (self._angle + self.goal * TIME_CONSTANT_S)
+        return self._sign * (self._shown[-1].angle + self.goal * TIME_CONSTANT_S)
 
     def switch_motor_off(self, off: bool, at_ns: int) -> None:
         """Whether its servo's torque stays off."""
@@ -176,8 +189,9 @@ class CoupledDrive:
         return self.drivetrain.active()
 
     def next_ns(self) -> int:
-        """When it moves next."""
-        return self._now_ns + self._tick_ns
+        """When it moves next, or a gyro has a sample."""
+        ready_ns = [sample.end_ns for sample in self._samples]
+        return min([*ready_ns, self._now_ns + self._tick_ns])
 
     def advance(self, until_ns: int) -> None:
         """Move on to this time; one that has passed changes nothing."""
@@ -190,10 +204,11 @@ class CoupledDrive:
         if until_ns - self._now_ns >= 2 * self._tick_ns:
             self.advance(until_ns)
 
-    def samples(self) -> list[Sample]:
-        """What gyros that are not on a bus have measured since the last call."""
-        samples, self._samples = self._samples, []
-        return samples
+    def samples(self, until_ns: int) -> list[Sample]:
+        """What gyros that are not on a bus have measured up to this time, since the last call."""
+        ready = [sample for sample in self._samples if sample.end_ns <= until_ns]
+        self._samples = [sample for sample in self._samples if sample.end_ns > until_ns]
+        return ready
 
     def _couple(
         self, joints: Iterable[Joint | None], buses: Mapping[str, VirtualBus], *, turns: bool
@@ -263,4 +278,5 @@ class CoupledDrive:
             if name in board.rates:
                 board.rates[name] = rates
         if gyro.source == "topic":
-            self._samples.append(Sample(name, (last_ns + self._now_ns) // 2, rates))
+            middle_ns = (last_ns + self._now_ns) // 2
+            self._samples.append(Sample(name, middle_ns, self._now_ns, rates))

@@ -33,6 +33,9 @@ _TCGETS2 = 0x802C542A
 _TERMIOS2 = struct.Struct("4I B 19s 2I")
 PAUSE_NS = 1_000_000
 """In a pause of the wire of so long the drive may move; a step takes some tenths of it."""
+AHEAD_NS = 7_000_000
+"""How far the drive moves ahead right after an answer, the surest pause there is: at 100 cycles per
+second the next request then meets none of its steps."""
 _PR_SET_TIMERSLACK = 29
 _READ_BYTES = 65536
 
@@ -211,12 +214,14 @@ class Ports:
             now_ns = time.monotonic_ns() - origin_ns
             if self._wake_out in readable and not self._run_calls(now_ns):
                 return
+            answered = False
             for terminal, bus in lines:
                 if terminal.master in readable:
                     data = terminal.read()
                     if data:
                         bus.transmit(now_ns, data, terminal.baud_rate())
                 chunks = bus.deliveries(now_ns)
+                answered = answered or bool(chunks)
                 if chunks and terminal.plugged:
                     terminal.write(b"".join(data for _, data in chunks))
                 if bus.plugged != terminal.plugged:
@@ -228,7 +233,7 @@ class Ports:
                 if heard:
                     terminal.write(b"".join(data for _, data in heard))
             if self._drive is not None:
-                self._move(self._drive, now_ns)
+                self._move(self._drive, now_ns, ahead_ns=AHEAD_NS if answered else 0)
 
     def _due_ns(self, now_ns: int) -> int | None:
         """When there is something to do without the host; None: never."""
@@ -243,14 +248,14 @@ class Ports:
         times = [at for bus in self._buses.values() if (at := bus.next_ns()) is not None]
         return min(times, default=None)
 
-    def _move(self, drive: "CoupledDrive", now_ns: int) -> None:
+    def _move(self, drive: "CoupledDrive", now_ns: int, *, ahead_ns: int) -> None:
         """Let the drive move in a pause of the wires, or if it has been left behind."""
         wire_ns = self._wire_ns()
         if wire_ns is None or wire_ns >= now_ns + PAUSE_NS:
-            drive.advance(now_ns)
+            drive.advance(now_ns + ahead_ns)
         else:
             drive.catch_up(now_ns)
-        for sample in drive.samples():
+        for sample in drive.samples(now_ns):
             if self._on_sample is not None:
                 self._on_sample(sample, now_ns - sample.at_ns)
 

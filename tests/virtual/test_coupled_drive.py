@@ -62,7 +62,7 @@ class Robot:
         self.now_ns += round(seconds * 1e9)
         self.bus.advance(self.now_ns)
         self.drive.advance(self.now_ns)
-        self.samples += self.drive.samples()
+        self.samples += self.drive.samples(self.now_ns)
 
     def go(self, rate: float = 4.0) -> None:
         """Straight on, rad/s."""
@@ -116,6 +116,27 @@ def test_gyros_measure_their_own_time_and_boards_show_theirs() -> None:
     assert omega != pytest.approx(0.0, abs=0.01)
     for shown in (robot.samples[-1].rates[2], robot.bus.boards[200].rates["board"][2]):
         assert shown == pytest.approx(omega, abs=0.04)  # bias and noise
+
+
+def test_a_drive_that_is_ahead_shows_the_time_that_is_asked_for() -> None:
+    behind, ahead = Robot(), Robot()
+    for robot in (behind, ahead):
+        robot.go()
+        robot.pass_(0.5)
+    ahead.drive.advance(ahead.now_ns + 12 * MS)
+    assert ahead.drive.drivetrain.rolled[0] > behind.drive.drivetrain.rolled[0]
+    assert ahead.read("present_position") == behind.read("present_position")
+    assert ahead.read("present_velocity") == behind.read("present_velocity")
+
+
+def test_a_sample_is_there_when_its_time_is_over() -> None:
+    robot = Robot()
+    robot.drive.advance(50 * MS)
+    assert [sample.end_ns for sample in robot.drive.samples(25 * MS)] == [10 * MS, 20 * MS]
+    assert robot.drive.next_ns() == 30 * MS
+    assert [sample.at_ns for sample in robot.drive.samples(35 * MS)] == [25 * MS]
+    assert len(robot.drive.samples(50 * MS)) == 2
+    assert robot.drive.next_ns() == 55 * MS
 
 
 def test_a_broken_cable_takes_the_power_of_wheels_behind_it() -> None:
