@@ -1,6 +1,7 @@
 """``wackel demo``: a virtual robot drives; every ten seconds a fault is injected and named."""
 
 import argparse
+import math
 import socket
 import sys
 import time
@@ -36,6 +37,7 @@ from wackel_view.__main__ import write_layout
 PERIOD_S = 10.0
 SHOWN_S = 6.0  # how long a fault stays at least, so that one can read it
 START_S = 60.0
+DRIVEN_S = 5.0  # a diagnosis gets to know a robot that drives
 WELL_S = 30.0  # a busy computer sees worse that a wheel is sound again
 LIMIT_S = 15.0  # a loose contact may take ten seconds to be told from ordinary loss
 SERVOS = 12
@@ -186,6 +188,7 @@ class Show:
         self._episode: Episode | None = None
         self._injected_s = -PERIOD_S
         self._patient_until_s = time.monotonic() + START_S
+        self._stood_s = time.monotonic()
         self._named = False
         self._known: set[tuple[str, str, int]] = set()
         follow(link, self.model)
@@ -196,6 +199,8 @@ class Show:
 
     def step(self, now_s: float) -> None:
         """Does what is due."""
+        if not self._drives(now_s):
+            self._stood_s = now_s
         if self._episode is None:
             if self._left == 0:
                 self.over = True
@@ -210,12 +215,23 @@ class Show:
     def _may_go_on(self, now_s: float) -> bool:
         """Whether the robot is well again, or has not become so for long enough."""
         health = self.model.health
-        if health is None or health.level == "ok":
-            return health is not None
+        if health is None:
+            return False
+        if health.level == "ok" and now_s - self._stood_s >= DRIVEN_S:
+            return True
         if now_s < self._patient_until_s:
             return False
         self.tell(f"not well yet: {health.summary}")
         return True
+
+    def _drives(self, now_s: float) -> bool:
+        odometry, at_s = self.model.odometry, self.model.odometry_s
+        return (
+            odometry is not None
+            and at_s is not None
+            and now_s - at_s < 1.0
+            and math.hypot(odometry.vx, odometry.vy) > SPEED_M_S / 2
+        )
 
     def _inject(self, episode: Episode, now_s: float) -> None:
         self._known = {_occurrence(fault) for fault in self.model.faults("confirmed", "healed")}
