@@ -53,6 +53,9 @@ CONTRARY = 0.5
 TRAVELLED_RAD = 0.1
 """How far a steering must have been told to turn meanwhile: one that is blocked looks sound until
 then."""
+ACQUAINTED_S = 3.0
+"""Of driving, in which lags and noise are learnt and no verdict is passed: half a dozen changes of
+speed."""
 ALARM_STEPS = 4
 """How long an alarm takes at least."""
 OFF_S = 1.5
@@ -90,6 +93,7 @@ class Diagnoser:
         self._history = History()
         self._reports = Reports()
         self._steps_made = 0
+        self._driven_s = 0.0
         self._restarts = 0
         self._shown: int | None = None
         self._examined = 0
@@ -143,7 +147,8 @@ class Diagnoser:
 
     def _step(self, step: Step) -> list[Message]:
         sequential, rows = self._sequential, self._rows
-        calm = sequential.verdict == 0 and sequential.alarm < CALM
+        young = self._driven_s < ACQUAINTED_S
+        calm = young or (sequential.verdict == 0 and sequential.alarm < CALM)
         self._steps_made += 1
         learning = calm and self._steps_made % LEARN_EVERY == 0
         learnt_s = step.seconds * LEARN_EVERY if learning else 0.0
@@ -155,6 +160,9 @@ class Diagnoser:
         likelihood = self._bank.evaluate(measured.z, measured.h, variance, measured.size)
         sequential.step(likelihood, step.seconds)
         moving = measured.speed > MOVING_M_S
+        if young:
+            self._driven_s += step.seconds if moving else 0.0
+            sequential.forget()
         driven_s = learnt_s if moving else 0.0
         efforts = self._efforts.step(step.seconds, target.speed, driven_s, needed=not calm)
         self._history.add(Moment(step.end, step.heading, measured.z[rows.rolls], target))
@@ -312,8 +320,11 @@ class Diagnoser:
                 words = {"others": component.in_words(other)}
                 summary = "two at once explain the residuals, neither alone"
                 found.append(self._finding("two_faults", path, summary, words))
-        elif components and components[0] not in free:
-            found.append(self._single(components[0]))
+        elif components:
+            single = self._single(components[0], free)
+            # A wheel without torque that swings in its play is no further fault; a blocked one is.
+            if components[0] not in free or single.code in ("wheel_blocked", "wheel_sticks"):
+                found.append(single)
         reference = self._references.found
         if reference is not None:
             angle = f"{math.degrees(reference.angle):+.1f}°"
@@ -334,7 +345,7 @@ class Diagnoser:
             found.append(Finding(complaint.code, component.COMMAND, summary, now, words=words))
         return found
 
-    def _single(self, path: str) -> Finding:
+    def _single(self, path: str, free: list[str]) -> Finding:
         """The verdict on one component, by its row of table 1."""
         place = self._hypotheses.place(path)
         if place is None:
@@ -345,7 +356,7 @@ class Diagnoser:
             return self._finding("gyro_deviates", path, "all wheels agree on another yaw rate")
         part, wheel = place
         history = self._history
-        if self._kind == "sensor":
+        if self._kind == "sensor" and path not in free:
             what = "the gyro and the motors say that the robot moves as the others show"
             return self._finding(f"{'wheel' if part == 'drive' else part}_sensor", path, what)
         if part == "steering":
