@@ -33,6 +33,8 @@ A spark counts for one."""
 BY_HAND_NS = 1_500_000_000
 """Who unplugs a cable or switches the supply off and on takes longer, with the 0.4 s that servos
 need to start anew."""
+RESTART_NS = 500_000_000
+"""Servos that had no supply start anew within 0.4 s, one by one, and fail until they are up."""
 LIKELY = 0.9
 """Probability that a verdict needs without a statistical test."""
 SURE = 0.95
@@ -257,6 +259,15 @@ class Losses:
                 if failures <= expected + 2 * math.sqrt(expected) + 1:
                     test.reset()
 
+    def _flickered(self, cable: int) -> bool:
+        """Whether a cable failed besides its interruptions, and what follows from these."""
+        return any(
+            event.position == cable
+            and _is_cut(event)
+            and not any(0 <= stamp - back < RESTART_NS for _, back, _ in self._interruptions)
+            for _, stamp, event in self._events
+        )
+
     def _reconnecting(self) -> Finding | None:
         """A break that comes and goes."""
         if not self._interruptions:
@@ -271,7 +282,7 @@ class Losses:
             count = len(told)  # all of them may be of one cable, wherever that is
         brief = [i for i in told if i.lasted_ns <= BY_HAND_NS]
         by_hand = all(i.whole for i in told) and len(brief) < RECONNECTS
-        signs = self._sparks or self._strays or self._cuts[cable]
+        signs = self._sparks or self._strays or self._flickered(cable)
         moving = any(not i.whole for i in brief) and signs
         if count + bool(moving) < (RECONNECTS_ALL if by_hand else RECONNECTS):
             return None
