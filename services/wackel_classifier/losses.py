@@ -282,7 +282,7 @@ class Losses:
             count = len(told)  # all of them may be of one cable, wherever that is
         brief = [i for i in told if i.lasted_ns <= BY_HAND_NS]
         by_hand = all(i.whole for i in told) and len(brief) < RECONNECTS
-        signs = self._sparks or self._strays or self._flickered(cable)
+        signs = self._sparks or self._flickered(cable)
         moving = any(not i.whole for i in brief) and signs
         if count + bool(moving) < (RECONNECTS_ALL if by_hand else RECONNECTS):
             return None
