@@ -188,10 +188,13 @@ class CoupledDrive:
         """The faults that act now."""
         return self.drivetrain.active()
 
-    def next_ns(self) -> int:
-        """When it moves next, or a gyro has a sample."""
-        ready_ns = [sample.end_ns for sample in self._samples]
-        return min([*ready_ns, self._now_ns + self._tick_ns])
+    def move_ns(self) -> int:
+        """When its next step ends."""
+        return self._now_ns + self._tick_ns
+
+    def sample_ns(self) -> int | None:
+        """When a gyro has a sample; None: not before the next step."""
+        return min((sample.end_ns for sample in self._samples), default=None)
 
     def advance(self, until_ns: int) -> None:
         """Move on to this time; one that has passed changes nothing."""

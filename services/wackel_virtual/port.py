@@ -32,10 +32,14 @@ _TCGETS2 = 0x802C542A
 """Linux: termios2, which unlike termios holds any baud rate as a number."""
 _TERMIOS2 = struct.Struct("4I B 19s 2I")
 PAUSE_NS = 1_000_000
-"""In a pause of the wire of so long the drive may move; a step takes some tenths of it."""
-AHEAD_NS = 7_000_000
-"""How far the drive moves ahead right after an answer, the surest pause there is: at 100 cycles per
-second the next request then meets none of its steps."""
+"""The drive moves only if nothing is due on the wire for so long; a step takes some tenths of it,
+and more where a computer has to fetch everything it needs from memory."""
+QUIET_NS = 1_500_000
+"""And only if nothing has been on the wire for so long: a host sends its next request within some
+tenths of a millisecond, or when its next cycle is due."""
+AHEAD_NS = 10_000_000
+"""How far the drive then moves ahead: at 100 cycles per second it need not move before the next
+pause, so that no request meets one of its steps."""
 _PR_SET_TIMERSLACK = 29
 _READ_BYTES = 65536
 
@@ -149,6 +153,7 @@ class Ports:
     ) -> None:
         self._drive = drive
         self._on_sample = on_sample
+        self._busy_ns = 0  # when something was on a wire
         self._buses = {name: bus for name, (bus, _) in buses.items()}
         self._terminals: dict[str, Terminal] = {}
         self._taps: dict[str, Terminal] = {}
@@ -214,14 +219,15 @@ class Ports:
             now_ns = time.monotonic_ns() - origin_ns
             if self._wake_out in readable and not self._run_calls(now_ns):
                 return
-            answered = False
             for terminal, bus in lines:
                 if terminal.master in readable:
                     data = terminal.read()
                     if data:
                         bus.transmit(now_ns, data, terminal.baud_rate())
+                        self._busy_ns = now_ns
                 chunks = bus.deliveries(now_ns)
-                answered = answered or bool(chunks)
+                if chunks:
+                    self._busy_ns = now_ns
                 if chunks and terminal.plugged:
                     terminal.write(b"".join(data for _, data in chunks))
                 if bus.plugged != terminal.plugged:
@@ -233,26 +239,28 @@ class Ports:
                 if heard:
                     terminal.write(b"".join(data for _, data in heard))
             if self._drive is not None:
-                self._move(self._drive, now_ns, ahead_ns=AHEAD_NS if answered else 0)
+                self._move(self._drive, now_ns)
 
     def _due_ns(self, now_ns: int) -> int | None:
         """When there is something to do without the host; None: never."""
         wire_ns = self._wire_ns()
         if self._drive is None or (wire_ns is not None and wire_ns < now_ns + PAUSE_NS):
             return wire_ns
-        drive_ns = self._drive.next_ns()
-        return drive_ns if wire_ns is None else min(wire_ns, drive_ns)
+        move_ns = max(self._drive.move_ns() - AHEAD_NS, self._busy_ns + QUIET_NS)
+        times = (wire_ns, move_ns, self._drive.sample_ns())
+        return min(at for at in times if at is not None)
 
     def _wire_ns(self) -> int | None:
         """When something will happen on a wire; None: not before a host sends."""
         times = [at for bus in self._buses.values() if (at := bus.next_ns()) is not None]
         return min(times, default=None)
 
-    def _move(self, drive: "CoupledDrive", now_ns: int, *, ahead_ns: int) -> None:
+    def _move(self, drive: "CoupledDrive", now_ns: int) -> None:
         """Let the drive move in a pause of the wires, or if it has been left behind."""
         wire_ns = self._wire_ns()
-        if wire_ns is None or wire_ns >= now_ns + PAUSE_NS:
-            drive.advance(now_ns + ahead_ns)
+        idle = wire_ns is None or wire_ns >= now_ns + PAUSE_NS
+        if idle and now_ns >= self._busy_ns + QUIET_NS:
+            drive.advance(now_ns + AHEAD_NS)
         else:
             drive.catch_up(now_ns)
         for sample in drive.samples(now_ns):

@@ -133,10 +133,11 @@ def test_a_sample_is_there_when_its_time_is_over() -> None:
     robot = Robot()
     robot.drive.advance(50 * MS)
     assert [sample.end_ns for sample in robot.drive.samples(25 * MS)] == [10 * MS, 20 * MS]
-    assert robot.drive.next_ns() == 30 * MS
+    assert robot.drive.sample_ns() == 30 * MS
     assert [sample.at_ns for sample in robot.drive.samples(35 * MS)] == [25 * MS]
     assert len(robot.drive.samples(50 * MS)) == 2
-    assert robot.drive.next_ns() == 55 * MS
+    assert robot.drive.sample_ns() is None
+    assert robot.drive.move_ns() == 55 * MS
 
 
 def test_a_broken_cable_takes_the_power_of_wheels_behind_it() -> None:

@@ -224,7 +224,7 @@ def test_faults_of_the_drive_are_injected_and_healed_on_request(tmp_path):
     def ask(operation, **injection):
         request = VirtualRequest(operation=operation, injection=Injection(**injection))
         reply = obey(request, buses, parsed.config, drive)
-        drive.advance(drive.next_ns())
+        drive.advance(drive.move_ns())
         return reply
 
     reply = ask("inject", kind="wheel_blocked", wheel="right")
