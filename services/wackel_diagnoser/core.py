@@ -51,8 +51,8 @@ SOUND_S = 1.0
 CONTRARY = 0.5
 """Evidence of one step for the fault that begins this anew."""
 TRAVELLED_RAD = 0.1
-"""How far a steering must have been told to turn meanwhile: one that is blocked looks sound until
-then."""
+"""How far a steering must have been told to turn meanwhile, or have turned since the verdict: one
+that is blocked looks sound until then."""
 ACQUAINTED_S = 3.0
 """Of driving, in which lags and noise are learnt and no verdict is passed: half a dozen changes of
 speed."""
@@ -99,6 +99,7 @@ class Diagnoser:
         self._examined = 0
         self._since = 0  # of the verdict
         self._sound_s = self._travelled = 0.0
+        self._heading_then = np.zeros(len(layout.names))  # when the verdict was passed
         self._kind_test: KindTest | None = None
         self._recent: deque[tuple[Measured, Floats, Floats, float]] = deque(maxlen=ALARM_STEPS)
         self._kind: Class = ""
@@ -245,6 +246,7 @@ class Diagnoser:
         """A new verdict."""
         components = self._hypotheses.explanations[verdict]
         self._since = step.begin
+        self._heading_then = step.heading
         self._sound_s = self._travelled = 0.0
         self._kind_test, self._kind = None, ""
         if len(components) != 1:
@@ -277,7 +279,8 @@ class Diagnoser:
                 turned = abs(float(target.heading[wheel] - before[wheel]))
                 # Half turns are the same direction.
                 self._travelled += turned if turned < 1.0 else 0.0
-                shows &= self._travelled > TRAVELLED_RAD
+                moved = abs(float(step.heading[wheel] - self._heading_then[wheel]))
+                shows &= max(self._travelled, moved) > TRAVELLED_RAD
         if evidence > CONTRARY:
             self._sound_s = self._travelled = 0.0
         elif shows:
