@@ -1,5 +1,6 @@
 """What tests of several parts share: a rendezvous of their own, and waiting without sleeping."""
 
+import signal
 import socket
 import time
 from collections.abc import Callable, Iterator
@@ -11,6 +12,9 @@ import zenoh
 
 from wackel_node.config import RobotConfig, ZenohConfig
 from wackel_node.link import session
+
+# In the background of a shell SIGINT is ignored, which the processes under test would inherit.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @dataclass(frozen=True)

@@ -126,5 +126,6 @@ def test_a_scan_says_that_it_was_interrupted(config: RobotConfig, tmp_path: Path
 
 def is_open(pid: int, path: Path) -> bool:
     """Whether a process has a file open."""
-    files = Path(f"/proc/{pid}/fd")
-    return any(link.readlink() == path for link in files.iterdir() if link.is_symlink())
+    with contextlib.suppress(FileNotFoundError):  # one may be closed while this looks
+        return any(link.readlink() == path for link in Path(f"/proc/{pid}/fd").iterdir())
+    return False
