@@ -82,6 +82,7 @@ def run(config: RobotConfig, drive: DriveConfig, path: Path, duration_s: float |
         try:
             node.run()
         finally:
+            # At the same rate as before: a command that is lost on its way is made up for.
             for _ in range(round(STOPPING_S * RATE_HZ)):
                 send(*control.step((0.0, 0.0, 0.0)), torque=False)
                 time.sleep(1.0 / RATE_HZ)

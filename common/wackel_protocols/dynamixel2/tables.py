@@ -228,7 +228,7 @@ XL320_ROWS = (
 FAST_SYNC_READ_FIRMWARE = {Series.X: 45, Series.X330: 46, Series.P: 12}
 """First firmware that knows fast sync read (e-manual, Protocol 2.0, "Fast Sync Read").
 
-rustypot 1.13 also has 46 for the XL330. An XL-320 does not answer it (DynamixelSDK issue 576).
+rustypot 1.13 also has 46 for the XL330. Users of the vendor's SDK report no answer from an XL-320.
 """
 
 _5_V, _12_V, _24_V = Voltages(31, 35, 70), Voltages(95, 95, 160), Voltages(110, 110, 300)
