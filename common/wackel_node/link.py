@@ -296,6 +296,7 @@ class Link:
                 message = wire.decode(payload, topic.message)
                 self.received += 1
                 self.notice_gap(key, message)
+                self._taken(key, message)
                 handler(key, message)
             except wire.Rejected as error:
                 self._refuse(key, str(error))
@@ -470,6 +471,9 @@ class Link:
         if len(self._last_seen) == _MAX_KEYS:
             del self._last_seen[next(iter(self._last_seen))]
         self._last_seen[key] = (message.boot, message.seq)
+
+    def _taken(self, key: str, message: Message) -> None:
+        """A message of a subscription is about to be handled."""
 
     def _refuse(self, key: str, reason: str) -> None:
         """Counts a message that is not used, and tells why."""

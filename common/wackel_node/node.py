@@ -11,11 +11,14 @@ from types import FrameType, TracebackType
 from typing import Literal, Self
 
 from wackel_node.config import RobotConfig
-from wackel_node.link import Link
+from wackel_node.journal import Journal
+from wackel_node.link import Link, Publisher
 from wackel_node.log import logger
 from wackel_node.notify import notify
 from wackel_schemas.health import Heartbeat
-from wackel_schemas.keys import ALIVE, ROOT
+from wackel_schemas.inputs import Inputs
+from wackel_schemas.keys import ALIVE, INPUTS, ROOT
+from wackel_schemas.message import Message
 
 _LINKING_S = 0.5  # links to all services are up in a tenth of this
 _MOST_REASON = 1000  # characters
@@ -41,6 +44,8 @@ class Node(Link):
         self._token = self.session.liveliness().declare_token(
             f"{ROOT}/{config.robot}/" + ALIVE.key(service=service, instance=instance)
         )
+        self._journal: Journal | None = None
+        self._inputs: Publisher[Inputs] | None = None
         self._previous: dict[int, Callable[[int, FrameType | None], None] | int | None] = {}
 
     def __enter__(self) -> Self:
@@ -58,6 +63,7 @@ class Node(Link):
         exc: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
+        self.tell_inputs()
         if exc is None or isinstance(exc, KeyboardInterrupt):
             self._enter("stopping")
         else:
@@ -78,6 +84,22 @@ class Node(Link):
         notify("READY=1")
         logger.info("ready")
 
+    def keep_journal(self) -> None:
+        """Tells from now on what is taken in: with that, a replay concludes what this one does."""
+        service, instance = self.name.split("/")
+        self._journal = Journal()
+        self._inputs = self.publisher(INPUTS, service=service, instance=instance)
+        self.every(HEARTBEAT_S, self.tell_inputs)
+
+    def tell_inputs(self) -> None:
+        """Tells what was taken in; while nobody is linked who would hear it, that is kept."""
+        if self._journal is None or self._inputs is None:
+            return
+        if self._inputs.has_reader or self._journal.full:
+            word = self._journal.word(self.clock.now_ns())
+            if word is not None:
+                self._inputs.put(word)
+
     def run(self) -> None:
         """Handles messages and timers until a signal or :meth:`stop`."""
         while not self.stopping:
@@ -87,6 +109,12 @@ class Node(Link):
         """Ends :meth:`run` soon; safe from handlers and signal handlers."""
         self.stopping = True
         self.wake()
+
+    def _taken(self, key: str, message: Message) -> None:
+        if self._journal is not None:
+            self._journal.take(key, message)
+            if self._journal.full:
+                self.tell_inputs()
 
     def _wait_for_a_reader(self) -> None:
         """A crash right at the start would otherwise be told before anyone is linked."""

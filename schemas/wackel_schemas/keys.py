@@ -22,6 +22,7 @@ from wackel_schemas.drive import (
 )
 from wackel_schemas.fault import FaultReport
 from wackel_schemas.health import Health, HealthReply, HealthRequest, Heartbeat
+from wackel_schemas.inputs import Inputs
 from wackel_schemas.message import Message, Record
 from wackel_schemas.residuals import Residuals
 from wackel_schemas.virtual import VirtualReply, VirtualRequest
@@ -98,6 +99,7 @@ RESIDUALS = Topic("residuals", Residuals, "derived", "newest")
 FAULT = Topic("fault/{source}", FaultReport, "derived", "all")
 HEALTH = Topic("health", Health, "derived", "newest", latched=True, most_bytes=MOST_HEALTH_BYTES)
 ALIVE = Topic("alive/{service}/{instance}", Heartbeat, "derived", "all")
+INPUTS = Topic("inputs/{service}/{instance}", Inputs, "derived", "all")
 
 BUS_REQUEST = Query("bus/{bus}/request", BusRequest, BusReply)
 ODOMETRY_REQUEST = Query("odometry/request", OdometryRequest, OdometryReply)
@@ -117,6 +119,7 @@ TOPICS: tuple[Topic[Message], ...] = (  # type: ignore[assignment]
     FAULT,
     HEALTH,
     ALIVE,
+    INPUTS,
 )
 QUERIES: tuple[Query[Record, Message], ...] = (  # type: ignore[assignment]
     BUS_REQUEST,

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from wackel_cli.comparison import Difference, differences
-from wackel_cli.diagnosis import SOURCES, Diagnosis
+from wackel_cli.diagnosis import Diagnosis
 from wackel_cli.lines import printable
 from wackel_node.algebra import single_threaded
 from wackel_node.arguments import add_config
@@ -141,7 +141,7 @@ def _with_progress(entries: Iterable[Entry], recording: Recording) -> Iterator[E
 def _summarise(diagnosis: Diagnosis, recording: Recording, took_s: float) -> None:
     """What is not a conclusion goes to stderr, so that the output is always the same."""
     span_s = diagnosis.span_ns / 1e9
-    changes = sum(map(len, diagnosis.reports.values()))
+    changes = sum(len(service.reports) for service in diagnosis.services.values())
     print(
         f"{recording.files[0].path}: {changes} changes in {diagnosis.transactions} "
         f"transactions of {span_s:.1f} s; took {took_s:.2f} s, {span_s / took_s:.0f} times real "
@@ -163,21 +163,18 @@ def _summarise(diagnosis: Diagnosis, recording: Recording, took_s: float) -> Non
 
 def _compare(diagnosis: Diagnosis, recording: Recording, json: bool) -> bool:
     """Prints what differs; whether nothing does."""
-    sources = [name for name in SOURCES if diagnosis.heartbeats[name] or diagnosis.live[name]]
-    if not sources:
+    live = {name: service for name, service in diagnosis.services.items() if service.seen}
+    if not live:
         raise NotComparable(f"{recording.files[0].path}: no live service was recorded")
     found: list[Difference] = []
-    for name in sources:
-        boots = diagnosis.heartbeats[name]
-        if any(heartbeat.received for heartbeat in boots.values()):
-            print(f"  the live {name} knew what came before the recording", file=sys.stderr)
-        if len(boots) > 1:
-            print(f"  the live {name} was restarted and had to forget", file=sys.stderr)
-        found += differences(diagnosis.live[name], diagnosis.reports_heard(name))
+    for name, service in live.items():
+        for note in service.notes():
+            print(f"  the live {name} {note}", file=sys.stderr)
+        found += differences(service.live, diagnosis.reports_heard(name))
     for difference in found:
         print(msgspec.json.encode(difference).decode() if json else printable(str(difference)))
-    live = sum(map(len, diagnosis.live.values()))
-    print(f"  {len(found)} differences from {live} live reports", file=sys.stderr)
+    reports = sum(len(service.live) for service in live.values())
+    print(f"  {len(found)} differences from {reports} live reports", file=sys.stderr)
     return not found
 
 

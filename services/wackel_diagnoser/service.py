@@ -2,12 +2,10 @@
 
 from collections.abc import Iterable
 
-from msgspec.structs import replace
-
 from wackel_diagnoser.core import Diagnoser
 from wackel_node.config import RobotConfig
 from wackel_node.config_drive import DriveConfig
-from wackel_node.log import logger
+from wackel_node.fault_publisher import FaultPublisher
 from wackel_node.node import Node
 from wackel_schemas import keys
 from wackel_schemas.bus import BusState
@@ -16,31 +14,25 @@ from wackel_schemas.fault import FaultReport
 from wackel_schemas.message import Message
 from wackel_schemas.residuals import Residuals
 
-REPEAT_S = 1.0
-"""Active faults are told again so often, for those who came later."""
-
 
 def run(config: RobotConfig, drive: DriveConfig) -> None:
     """Runs the service until a signal ends it."""
     with Node("diagnoser", "main", config) as node:
         core = Diagnoser(drive, config.gyros)
+        node.keep_journal()
         residuals = node.publisher(keys.RESIDUALS)
         exclusions = node.publisher(keys.EXCLUSIONS)
-        faults = node.publisher(keys.FAULT, source="diagnoser")
+        faults = FaultPublisher(node, "diagnoser", core.active)
 
         def publish(messages: Iterable[Message]) -> None:
             for message in messages:
                 if isinstance(message, Residuals):
                     residuals.put(message)
                 elif isinstance(message, Exclusions):
+                    node.tell_inputs()
                     exclusions.put(message)
                 elif isinstance(message, FaultReport):
-                    logger.info("%s: %s", message.status, message.message)
                     faults.put(message)
-
-        def repeat() -> None:
-            for report in core.active():
-                faults.put(replace(report, repeated=True))
 
         def on_state(key: str, state: BusState) -> None:
             publish(core.bus_state(keys.chunk_of(keys.STATE, key, "bus"), state))
@@ -56,6 +48,5 @@ def run(config: RobotConfig, drive: DriveConfig) -> None:
         for name in config.gyros:
             node.subscribe(keys.IMU, on_imu, name=name)
         node.subscribe(keys.TWIST_COMMAND, on_command)
-        node.every(REPEAT_S, repeat)
         node.ready()
         node.run()

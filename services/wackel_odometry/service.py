@@ -2,11 +2,9 @@
 
 from collections.abc import Iterable
 
-from msgspec.structs import replace
-
 from wackel_node.config import RobotConfig
 from wackel_node.config_drive import DriveConfig
-from wackel_node.log import logger
+from wackel_node.fault_publisher import FaultPublisher
 from wackel_node.node import Node
 from wackel_odometry.core import Odometer
 from wackel_schemas import keys
@@ -21,28 +19,21 @@ from wackel_schemas.drive import (
 from wackel_schemas.fault import FaultReport
 from wackel_schemas.message import Message
 
-REPEAT_S = 1.0
-"""Active faults are told again so often, for those who came later."""
-
 
 def run(config: RobotConfig, drive: DriveConfig) -> None:
     """Runs the service until a signal ends it."""
     with Node("odometry", "main", config) as node:
         core = Odometer(drive, config.gyros)
+        node.keep_journal()
         odometry = node.publisher(keys.ODOMETRY)
-        faults = node.publisher(keys.FAULT, source="odometry")
+        faults = FaultPublisher(node, "odometry", core.active)
 
         def publish(messages: Iterable[Message]) -> None:
             for message in messages:
                 if isinstance(message, Odometry):
                     odometry.put(message)
                 elif isinstance(message, FaultReport):
-                    logger.info("%s: %s", message.status, message.message)
                     faults.put(message)
-
-        def repeat() -> None:
-            for report in core.active():
-                faults.put(replace(report, repeated=True))
 
         def on_state(key: str, state: BusState) -> None:
             publish(core.bus_state(keys.chunk_of(keys.STATE, key, "bus"), state))
@@ -62,6 +53,5 @@ def run(config: RobotConfig, drive: DriveConfig) -> None:
             node.subscribe(keys.IMU, on_imu, name=name)
         node.subscribe(keys.EXCLUSIONS, on_exclusions)
         node.serve(keys.ODOMETRY_REQUEST, on_request)
-        node.every(REPEAT_S, repeat)
         node.ready()
         node.run()

@@ -47,7 +47,7 @@ def run(*, quick: bool = False) -> Table:
     span_s = diagnosis.span_ns / 1e9
     return table(
         f"Replay: {span_s:.0f} s with {diagnosis.transactions} transactions, "
-        f"{sum(map(len, diagnosis.reports.values()))} reports",
+        f"{sum(len(each.reports) for each in diagnosis.services.values())} reports",
         [
             Figure("cores, times real time", span_s / cores_s, "×", None, 100.0, at_least=True),
             Figure("cores, bus, times real time", span_s / bus_s, "×", None, 100.0, at_least=True),

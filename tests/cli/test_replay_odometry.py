@@ -14,8 +14,9 @@ import pytest
 from tests.cli.test_replay import recorded, write
 from tests.conftest import Rendezvous, wait_until
 from tests.odometry.simulation import BUS, GYRO, Robot, differential_drive, exact
-from wackel_cli.diagnosis import ODOMETRY, Diagnosis
+from wackel_cli.diagnosis import Diagnosis
 from wackel_cli.replay import main
+from wackel_cli.replayed import ODOMETRY
 from wackel_node.config import BusConfig, RobotConfig, ServoConfig, dump
 from wackel_node.config_drive import GyroConfig
 from wackel_node.link import Link
@@ -144,6 +145,7 @@ def test_the_live_service_gives_the_same_odometry(
             process.wait(10)
     heard = recorded(again)
     assert [each for each in heard if each[0] in dict(inputs)] == inputs
+    assert "inputs/odometry/main" in dict(heard)
     live = [wire.decode(payload, Odometry) for key, payload in heard if key == "odometry"]
     diagnosis = Diagnosis(config)
     entries = (Entry(key, n, n, payload) for n, (key, payload) in enumerate(inputs))
@@ -152,7 +154,7 @@ def test_the_live_service_gives_the_same_odometry(
     assert [wire.encode(plain(each)) for each in live] == [
         wire.encode(plain(each)) for each in replayed
     ]
-    assert diagnosis.reports[ODOMETRY]
+    assert diagnosis.services[ODOMETRY].reports
     assert main([str(again), "--compare"]) == 0
 
 
