@@ -84,6 +84,7 @@ class BusClassifier:
         self._jammed_ns = -1  # when a permanent jammer was last there
         self._incomplete = False  # whether the last transaction missed an answer
         self._missed: list[int] = []  # positions, in the last transaction that missed any
+        self._devices: set[int] = set()  # ids outside the chain that somebody asks on purpose
 
     def active(self) -> list[FaultReport]:
         """The faults that are active, in the order in which they began."""
@@ -105,6 +106,7 @@ class BusClassifier:
         if request is None:
             request = self._new_request(instruction, transaction.expected)
         data = transaction.received()
+        self._timing.waits += request.many
         quiet = True
         if data or transaction.expected:
             answers = request.reader.read(data)
@@ -138,7 +140,10 @@ class BusClassifier:
         if self._requests.full:
             self._make_up()
             self._requests.forget()
-        return self._requests.make(instruction, expected)
+        request = self._requests.make(instruction, expected)
+        if not request.expectation.broadcast_ping:
+            self._devices.update(i for i in expected if i not in self._chain.position)
+        return request
 
     # A closer look.
 
@@ -249,6 +254,8 @@ class BusClassifier:
                 self._losses.recovered(position, stamp, passing=False)
                 if position in self._missed:
                     self._timing.late_answer(position, now_ns, stamp)
+            elif status.id in self._devices:
+                pass  # late, too
             elif self._chain.ids and not (position is not None and self._incomplete):
                 self._strangers.servo(status.id, now_ns, stamp)
         if any(isinstance(s.packet, InstructionPacket) for s in answers.segments or ()):

@@ -99,6 +99,7 @@ class Request:
         positions: Those that are not None.
         concerns: A bit for each of these positions, and the one above them all for the bus.
         single: Position of the servo, if only one is asked.
+        many: Whether several are.
         has_fields, has_motion: Whether any answer holds watched registers, or measured values.
         clean: How often it was answered as it should be since this was last set to 0.
         clean_ns: When it was last.
@@ -115,6 +116,7 @@ class Request:
         self.concerns = sum(1 << position for position in (*self.positions, len(chain)))
         lone = self.positions[0] if self.positions and len(self.expected) == 1 else None
         self.single: int | None = lone
+        self.many = len(self.expected) > 1
         self.has_fields = any(servo.fields for servo in asked.values())
         self.has_motion = any(servo.motion for servo in asked.values())
         self.clean = 0

@@ -53,15 +53,19 @@ DRIFT_SCATTER_NS = 5_000
 """At least; firmware loops (thesis, figure 2.7)."""
 LATENCY_SAMPLES = 12
 LATENCY_SERVOS = 3
-"""One slow servo is not the adapter: of the latest answers, so many servos (all, if there are
-fewer) and most of those asked must have been later than any servo needs."""
+"""One slow servo is not the adapter, and neither is a host that delivers some answers late: of the
+latest answers most must have been held back, of so many servos (all, if there are fewer) and of
+most of those asked."""
 LATENCY_LATE = 0.7
 """Share of answers that a latency timer of 4 ms makes that late; a longer one more of them."""
+HELD_MOST_NS = SLOWEST_NS + 16_000_000
+"""A timer that nobody set runs for 16 ms; what comes later is another's doing, mostly the host's.
+"""
 SOUND_LATE = 0.05
 SOUND_LATE_MOST = 0.6
 SOUND_MEMORY = 1000
-"""The same for a sound adapter and a busy host: at least, at most, and the answers over which it is
-followed. A host that is late more often than that is named itself."""
+"""The share for a sound adapter and a busy host: at least, at most, and the answers over which it
+is followed. A host that is late more often than that is named itself."""
 LATENCY_CERTAIN = -log(1e-9)
 SOUND_CERTAIN = -log(1e-6)
 """How improbable by chance the evidence must be (Wald's sequential test of the two shares, begun
@@ -69,14 +73,19 @@ anew wherever it falls below zero): as for a servo; a verdict is taken back more
 LATENCY_SPACING_NS = 20_000_000
 LATENCY_LEAST_NS = 300_000_000
 """A host that is late is so for some time slices: answers closer together are one piece of
-evidence, and all of it must extend over so long."""
+evidence, of which each tells its part, and all of it must extend over so long. (The first of some
+answers alone would not do: it is the host's wake-up that makes it late.)"""
 HOST_BUSY_LAG_NS = SLOWEST_NS // 2
-HOST_BUSY_NS = 1_000_000_000
-HOST_BUSY_SHARE = 0.04
-HOST_BUSY_TIMES = 10
-"""What makes an answer later than any servo needs. For each time that the host overslept by so much
-within a second, so many more of the answers may be its own doing (some fifty reads tell whether it
-does); after so many times nothing is said of the adapter."""
+HOST_WAITS = 100
+HOST_WAITS_START = 10
+HOST_BUSY_START = 0.05
+HOST_BUSY_MOST = 0.1
+HOST_BUSY_FACTOR = 4.0
+"""What makes an answer later than any servo needs. How often the host does is told by the share of
+the reads of many in which it overslept by so much, and by the share of the single answers that come
+later than any adapter holds them: both over so many, from a cautious start. Several times as many
+of the single answers may be its own doing (some fifty reads tell whether it does); beyond the
+greatest share nothing is said of the adapter."""
 HOST_LATE_NS = 5_000_000
 """Oversleeping that costs a whole cycle at 200 Hz."""
 HOST_LATE_TIMES = 3
@@ -119,6 +128,23 @@ class _Drift:
         self.excess_ns = max(0.0, min(excess_ns, limit_ns + LEAST_LATE_NS))
 
 
+class _Share:
+    """How often something happens, of late."""
+
+    def __init__(self) -> None:
+        self.value = HOST_BUSY_START
+        self._memory = HOST_WAITS_START
+
+    def happened(self) -> None:
+        """Once."""
+        self.value += 1.0 / self._memory
+
+    def had_chances(self, count: int) -> None:
+        """It could have happened so often."""
+        self.value *= (1.0 - 1.0 / self._memory) ** count
+        self._memory = min(self._memory + count, HOST_WAITS)
+
+
 @dataclass(slots=True)
 class _Servo:
     """Attributes: ``delays`` the latest; ``late`` answers in a row that came late although another
@@ -147,7 +173,12 @@ class _Servo:
 
 
 class Timing:
-    """Follows response times and Return Delay Time registers."""
+    """Follows response times and Return Delay Time registers.
+
+    Attributes:
+        waits: Reads of many servos, in which the host's own lateness shows, since the last of one;
+            counted by the owner.
+    """
 
     def __init__(self, chain: Chain, return_delay_us: int | None) -> None:
         self._chain = chain
@@ -163,7 +194,9 @@ class Timing:
         self._other_late = False  # whether the latest answer of another servo than that was late
         self._adapter = _Adapter(len(chain))
         self._latency_since = 0
-        self._busy: deque[int] = deque(maxlen=HOST_BUSY_TIMES)
+        self.waits = 0
+        self._overslept = _Share()
+        self._beyond = _Share()
         self._host: deque[tuple[int, int, int]] = deque(maxlen=HOST_LATE_TIMES)
 
     def response(  # noqa: PLR0917
@@ -243,7 +276,7 @@ class Timing:
     def host_lag(self, lag_ns: int, now_ns: int, stamp: int) -> None:
         """The host was late by so much, at least :data:`HOST_SPOILS_NS`."""
         if lag_ns >= HOST_BUSY_LAG_NS:
-            self._busy.append(now_ns)
+            self._overslept.happened()
         if lag_ns >= HOST_LATE_NS:
             self._host.append((now_ns, lag_ns, stamp))
 
@@ -311,11 +344,14 @@ class Timing:
 
     def _ask_adapter(self, position: int, delay: int, now_ns: int) -> None:
         """What a delay says of the adapter, unless the host is too busy to tell."""
-        busy = self._busy
-        while busy and now_ns - busy[0] > HOST_BUSY_NS:
-            busy.popleft()
-        if len(busy) < HOST_BUSY_TIMES:
-            self._adapter.answer(position, delay, HOST_BUSY_SHARE * len(busy), now_ns)
+        self._overslept.had_chances(self.waits)
+        self.waits = 0
+        self._beyond.had_chances(1)
+        if delay > HELD_MOST_NS:
+            self._beyond.happened()
+        busy = max(self._overslept.value, self._beyond.value)
+        if busy < HOST_BUSY_MOST:
+            self._adapter.answer(position, delay, HOST_BUSY_FACTOR * busy, now_ns)
 
     def _slow(self, position: int) -> Finding:
         servo = self._servos[position]
@@ -427,22 +463,31 @@ class _Adapter:
         self._least = min(LATENCY_SERVOS, servos)
         self._recent: deque[tuple[int, int]] = deque(maxlen=LATENCY_SAMPLES)  # position, delay
         self._evidence = 0.0  # that the verdict is wrong
-        self._since_ns = self._counted_ns = -LATENCY_SPACING_NS
-        self._late_share = 0.0
+        self._since_ns = 0
+        self._begin_ns = 0  # of the answers that are one piece of evidence
+        self._count = self._held = 0  # of these
+        self._held_share = 0.0
 
     def answer(self, position: int, delay: int, host_share: float, now_ns: int) -> None:
         """An answer; ``host_share`` of them may be late because the host was late just now."""
+        if self._count and now_ns - self._begin_ns >= LATENCY_SPACING_NS:
+            self._weigh(self._held / self._count, host_share, now_ns)
+            self._count = self._held = 0
+        if not self._count:
+            self._begin_ns = now_ns
         self._recent.append((position, delay))
-        if now_ns - self._counted_ns < LATENCY_SPACING_NS:
-            return
-        self._counted_ns = now_ns
+        self._count += 1
+        self._held += _is_held(delay)
+
+    def _weigh(self, share: float, host_share: float, now_ns: int) -> None:
+        """A piece of evidence, in which this share of the answers was held back."""
         if not self._evidence:
-            self._since_ns = now_ns
-        late = delay > SLOWEST_NS
-        sound = min(max(SOUND_LATE, self._late_share) + host_share, SOUND_LATE_MOST)
+            self._since_ns = self._begin_ns
+        sound = min(max(SOUND_LATE, self._held_share) + host_share, SOUND_LATE_MOST)
         if not self.holds:
-            self._late_share += (late - self._late_share) / SOUND_MEMORY
-        odds = log(LATENCY_LATE / sound) if late else log((1.0 - LATENCY_LATE) / (1.0 - sound))
+            self._held_share += (share - self._held_share) / SOUND_MEMORY
+        odds = share * log(LATENCY_LATE / sound)
+        odds += (1.0 - share) * log((1.0 - LATENCY_LATE) / (1.0 - sound))
         if self.holds:
             self._evidence = max(0.0, self._evidence - odds)
             if self._evidence >= SOUND_CERTAIN:
@@ -454,8 +499,8 @@ class _Adapter:
                 self.holds, self._evidence = True, 0.0
 
     def late(self) -> list[int]:
-        """Positions of those that answered later than any servo needs, once for each answer."""
-        return [position for position, delay in self._recent if delay > SLOWEST_NS]
+        """Positions of those whose answers were held back, once for each answer."""
+        return [position for position, delay in self._recent if _is_held(delay)]
 
     def typical_ns(self) -> float:
         """Median of the latest."""
@@ -464,7 +509,13 @@ class _Adapter:
     def _is_shared(self) -> bool:
         late = set(self.late())
         asked = {position for position, _ in self._recent}
-        return len(late) >= self._least and 2 * len(late) > len(asked)
+        shared = len(late) >= self._least and 2 * len(late) > len(asked)
+        return shared and 2 * len(self.late()) > len(self._recent)
+
+
+def _is_held(delay: int) -> bool:
+    """Whether an adapter may have held an answer back: later than any servo needs, no later."""
+    return SLOWEST_NS < delay <= HELD_MOST_NS
 
 
 def _row(share: float) -> int:

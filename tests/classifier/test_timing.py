@@ -20,7 +20,7 @@ Delay = Callable[[int], float]  # µs, by position
 
 
 class Bus:
-    """Servos that are asked one after the other, 20 ms apart."""
+    """Servos that are asked one after the other, 20 ms apart, after each read of all."""
 
     def __init__(self, servos: int = SERVOS, seed: int = 1) -> None:
         self.servos = servos
@@ -32,6 +32,7 @@ class Bus:
 
     def ask(self, position: int, delay_us: float) -> None:
         self.now_ns += 20 * MS
+        self.timing.waits += 1
         response_ns = round(delay_us * US) + BYTES * 10 * US
         stamp = STAMP + self.now_ns
         self.timing.response(position, response_ns, BYTES, BAUD_RATE, self.now_ns, stamp)
@@ -99,6 +100,37 @@ def test_many_late_answers_within_one_burst_of_the_host_are_no_adapter() -> None
         bus.now_ns -= 17 * MS  # so 3 ms apart
         bus.ask(turn % SERVOS, bus.random.uniform(1500, 5000))
     assert "latency_timer" not in bus.told
+
+
+def test_a_late_first_answer_of_several_is_the_wake_up_and_no_adapter() -> None:
+    bus = Bus()
+    bus.run(200, bus.quiet)
+    for turn in range(400):
+        for later in range(4):
+            bus.ask((turn + later) % SERVOS, bus.random.uniform(1500, 5000) if not later else 120)
+            bus.now_ns -= 17 * MS  # so 3 ms apart
+        bus.now_ns += 30 * MS
+    assert "latency_timer" not in bus.told
+
+
+def test_answers_later_than_any_timer_are_the_hosts() -> None:
+    bus = Bus()
+    bus.run(200, bus.quiet)
+    bus.run(2000, lambda _: bus.quiet() + bus.random.expovariate(1 / 15_000))
+    assert "latency_timer" not in bus.told
+
+
+def test_from_the_start_a_host_that_oversleeps_in_half_of_its_waits_convicts_no_adapter() -> None:
+    for seed in range(20):
+        bus = Bus(seed=seed)
+
+        def starved(_: int, bus: Bus = bus) -> float:
+            if bus.random.random() < 0.5:
+                bus.timing.host_lag(2 * MS, bus.now_ns, STAMP + bus.now_ns)
+            return bus.random.uniform(1300, 12_000)
+
+        bus.run(1000, starved)
+        assert "latency_timer" not in bus.told, seed
 
 
 def test_a_host_that_oversleeps_all_the_time_leaves_the_adapter_as_it_was() -> None:
