@@ -1,7 +1,5 @@
 """Wires topics to the core."""
 
-from collections.abc import Iterable
-
 from wackel_diagnoser.core import Diagnoser
 from wackel_node.config import RobotConfig
 from wackel_node.config_drive import DriveConfig
@@ -24,13 +22,15 @@ def run(config: RobotConfig, drive: DriveConfig) -> None:
         exclusions = node.publisher(keys.EXCLUSIONS)
         faults = FaultPublisher(node, "diagnoser", core.active)
 
-        def publish(messages: Iterable[Message]) -> None:
+        def publish(messages: list[Message]) -> None:
+            # Exclusions first, and before the journal that comes with a fault: odometry obeys at
+            # once, and a replay knows that they were said when it comes to what led to them.
+            for message in messages:
+                if isinstance(message, Exclusions):
+                    exclusions.put(message)
             for message in messages:
                 if isinstance(message, Residuals):
                     residuals.put(message)
-                elif isinstance(message, Exclusions):
-                    node.tell_inputs()
-                    exclusions.put(message)
                 elif isinstance(message, FaultReport):
                     faults.put(message)
 
