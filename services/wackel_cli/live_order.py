@@ -23,7 +23,7 @@ _Id: TypeAlias = tuple[str, int, int]
 """Key, boot, seq; publishers that do not number give the same one to many."""
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class Input:
     """A message that a service takes in.
 
