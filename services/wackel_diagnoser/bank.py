@@ -5,9 +5,10 @@ is integrated out::
 
     ln p(z | h) = −½ [Σ ln R_h + ln det(Hᵀ R_h⁻¹ H) + min_ξ Σ (z − H ξ)² / R_h] + constant
 
-Rows that are no rows on ξ (steering and rolling against their references) have H = 0. Only 3 × 3
-algebra, on all hypotheses at once; singular configurations need no special case, for what the rows
-do not determine costs every hypothesis the same.
+Elimination of ξ from [H z]ᵀ R_h⁻¹ [H z], a matrix of 4 × 4, leaves the minimum, and the determinant
+is the product of the pivots. Rows that are no rows on ξ (steering and rolling against their
+references) have H = 0. Singular configurations need no special case, for what the rows do not
+determine costs every hypothesis the same.
 """
 
 import numpy as np
@@ -18,31 +19,34 @@ WIDE = 1e-4
 """One over the variance of the twist before anything is measured: 100 m/s, 100 rad/s. It keeps the
 algebra regular where rows are missing, and is nothing beside any row."""
 
-# The upper triangle of a symmetric 3 × 3 matrix, and of its cofactors, in this order.
-_I, _J = np.array([0, 0, 0, 1, 1, 2]), np.array([0, 1, 2, 1, 2, 2])
-# 00 = df − ee, 01 = ce − bf, 02 = be − cd, 11 = af − cc, 12 = bc − ae, 22 = ad − bb
-_P, _Q = np.array([3, 2, 1, 0, 1, 0]), np.array([5, 4, 4, 5, 2, 3])
-_S, _T = np.array([4, 1, 2, 2, 0, 1]), np.array([4, 5, 3, 2, 4, 1])
-_TWICE = np.array([1.0, 2.0, 2.0, 1.0, 2.0, 1.0])[:, None]
-_DIAGONAL = np.array([0, 3, 5])
-
 
 class Bank:
     """Evaluates hypotheses.
+
+    Hypotheses widen a row by few different factors: what each such *level* needs is computed once.
 
     Args:
         spread: Squares of the factors by which each widens each row, shape (K, M).
     """
 
     def __init__(self, spread: Floats) -> None:
-        self._spread = spread
         count, rows = spread.shape
-        self._products = np.empty((rows, 10))
-        self._widened = np.empty_like(spread)
-        self._weight = np.empty_like(spread)
-        self._cofactors: Floats = np.zeros((6, count))
-        self._det: Floats = np.ones(count)
-        self._right: Floats = np.zeros((3, count))
+        factors = spread.tolist()
+        levels = sorted({level for each in factors for level in enumerate(each)})
+        number = {level: at for at, level in enumerate(levels)}
+        self._row = np.array([row for row, _ in levels])
+        self._factor = np.array([factor for _, factor in levels])
+        # Which level each hypothesis takes of each row, shape (M, K), and as 0 and 1, (levels, K).
+        chosen = [[number[level] for level in enumerate(each)] for each in factors]
+        self._chosen = np.array(chosen).T.copy()
+        self._choice = np.zeros((len(levels), count))
+        self._choice[self._chosen, np.arange(count)] = 1.0
+        # The last row is WIDE, which no hypothesis changes.
+        self._weights = np.ones((rows + 1, count))
+        self._columns = np.empty((4, rows))
+        self._products = np.empty((4, 4, rows + 1))
+        self._products[..., rows] = np.diag([WIDE, WIDE, WIDE, 0.0])
+        self._normal: Floats = np.zeros((4, 4, count))
 
     def evaluate(self, z: Floats, h: Floats, variance: Floats, size: Floats) -> Floats:
         """Logarithms of the likelihoods, shape (K,), up to a constant that all share.
@@ -53,37 +57,38 @@ class Bank:
             variance: Without a fault, shape (M,).
             size: What the factors of the spread are shares of, shape (M,).
         """
-        ratio = np.multiply(self._spread, size * size / variance, out=self._widened)
-        ratio += 1.0
         inverse = 1.0 / variance
-        weight = np.divide(inverse, ratio, out=self._weight)
-        products = self._products
-        np.multiply(h[:, _I], h[:, _J], out=products[:, :6])
-        np.multiply(h, z[:, None], out=products[:, 6:9])
-        np.multiply(z, z, out=products[:, 9])
-        sums = (weight @ products).T
-        normal = sums[:6]
-        normal[_DIAGONAL] += WIDE
-        right = sums[6:9]
-        cofactors = normal[_P] * normal[_Q]
-        cofactors -= normal[_S] * normal[_T]
-        det: Floats = (normal[:3] * cofactors[:3]).sum(axis=0)
-        explained = (right[_I] * right[_J] * cofactors * _TWICE).sum(axis=0) / det
-        np.log(ratio, out=ratio)
-        costs: Floats = ratio.sum(axis=1)
-        costs += np.log(det)
-        costs += sums[9]
-        costs -= explained
+        ratio = (size * size * inverse).take(self._row)
+        ratio *= self._factor
+        ratio += 1.0
+        weight = inverse.take(self._row)
+        weight /= ratio
+        weights, columns, products = self._weights, self._columns, self._products
+        # Written straight to its place; without "clip", numpy would write to a copy first.
+        weight.take(self._chosen, out=weights[:-1], mode="clip")
+        columns[:3] = h.T
+        columns[3] = z
+        np.multiply(columns[:, None], columns, out=products[..., :-1])
+        one = self._normal = (products.reshape(16, -1) @ weights).reshape(4, 4, -1)
+        two = _eliminate(one)
+        three = _eliminate(two)
+        costs: Floats = np.log(ratio) @ self._choice
+        costs += np.log(one[0, 0] * two[0, 0] * three[0, 0])
+        costs += three[1, 1] - three[0, 1] ** 2 / three[0, 0]
         costs *= -0.5
-        self._cofactors, self._det, self._right = cofactors, det, right
         return costs
 
     def covariance(self) -> Floats:
         """Of the twist if nothing is wrong, from the last evaluation, shape (3, 3)."""
-        a, b, c, d, e, f = (self._cofactors[:, 0] / self._det[0]).tolist()
-        return np.array(((a, b, c), (b, d, e), (c, e, f)))
+        return np.asarray(np.linalg.inv(self._normal[:3, :3, 0]))
 
     def right(self) -> Floats:
         """Hᵀ R⁻¹ z if nothing is wrong, from the last evaluation."""
-        right: Floats = self._right[:, 0]
-        return right
+        return self._normal[3, :3, 0]
+
+
+def _eliminate(matrices: Floats) -> Floats:
+    """What the first row and column leave of symmetric matrices, shape (m − 1, m − 1, K)."""
+    first = matrices[0]
+    share = first[1:] / first[0]
+    return np.asarray(matrices[1:, 1:] - share[:, None] * first[1:])
