@@ -190,7 +190,8 @@ def load(path: Path) -> RobotConfig:
             f"{path}: no such file; `wackel scan --write {path}` makes one to start from"
         ) from error
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read: {error}") from error
+        reason = error.strerror if isinstance(error, OSError) else "no UTF-8 text"
+        raise ConfigError(f"{path}: cannot be read: {reason}") from error
     return parse(text, str(path))
 
 

@@ -8,11 +8,13 @@ from wackel_node.arguments import add_config, config_of
 from wackel_node.errors import OK
 
 _DESCRIPTION = """\
-Names the physical faults of all servo buses from their raw traffic: which cable, which servo,
-what kind. Listens to bus/<bus>/transaction, which a gateway or `wackel play` publishes, and tells
-what it finds on fault/classifier: at once on a change, and once a second what is still there.
+Names the physical faults of all servo buses from their raw traffic: which
+cable, which servo, what kind. Listens to bus/<bus>/transaction, which a gateway
+or `wackel play` publishes, and tells what it finds on fault/classifier: at once
+on a change, and once a second what is still there.
 
-It needs the servos of robot.toml in cable order, from the adapter outwards, and where power enters.
+It needs the servos of robot.toml in cable order, from the adapter outwards, and
+where power enters.
 """
 
 _EPILOG = """\

@@ -37,7 +37,7 @@ def overview() -> str:
     lines = [
         "usage: wackel COMMAND [ARGUMENT ...]",
         "",
-        "Finds the faulty wire, servo or wheel of a robot and says so in one health topic.",
+        "Finds the faulty wire, servo or wheel of a robot; says so in one health topic.",
     ]
     for title, commands in GROUPS.items():
         lines += ["", f"{title}:"]

@@ -9,21 +9,22 @@ from wackel_node.config import ConfigError, RobotConfig
 from wackel_node.errors import OK
 
 _DESCRIPTION = """\
-Owns one servo bus and publishes every transaction on it, raw and with its timing, and what the
-servos say in SI units.
+Owns one servo bus and publishes every transaction on it, raw and with its
+timing, and what the servos say in SI units.
 
 How it owns the bus is set by `mode` of the bus in robot.toml:
-  poll   it is the master: reads all servos in a cycle and takes goals from bus/<bus>/command
-  proxy  your software is the master: it opens `proxy_port` instead of the real port, and nothing
-         else changes for it
+  poll   it is the master: reads all servos in a cycle and takes goals from
+         bus/<bus>/command
+  proxy  your software is the master: it opens `proxy_port` instead of the real
+         port, and nothing else changes for it
   tap    it only listens, through a second adapter on the same wires
 """
 
 _EPILOG = """\
 examples:
   wackel gateway --config robot.toml             the only bus of the robot
-  wackel gateway --config robot.toml --bus legs  one of several: one process for each
-  wackel scan --write robot.toml                 makes a robot.toml to start from
+  wackel gateway --config robot.toml --bus legs  one of several: a process each
+  wackel scan --write robot.toml                 a robot.toml to start from
 
 A port that is not there is waited for, and reported as a fault meanwhile.
 """

@@ -23,17 +23,18 @@ from wackel_node.errors import FAILED, OK, USAGE, Explained
 from wackel_node.toml_text import toml_text
 
 _DESCRIPTION = """\
-Looks for Dynamixel servos: pings at every baud rate and lists who answers. Nothing is changed on
-the servos. No other program may have the port open; stop `wackel up` first.
+Looks for Dynamixel servos: pings at every baud rate and lists who answers.
+Nothing is changed on the servos. No other program may have the port open; stop
+`wackel up` first.
 """
 _EPILOG = """\
 examples:
-  wackel scan                                    the only adapter, all baud rates, all ids at once
+  wackel scan                      the only adapter, all baud rates, all ids
   wackel scan --port /dev/ttyUSB0 --baud 1000000
-  wackel scan --ids 1-20,30                      these ids, one by one
-  wackel scan --thorough                         all ids one by one: slower, but finds servos
-                                                 whose answers collide or are disturbed
-  wackel scan --write robot.toml                 also writes a configuration to start from
+  wackel scan --ids 1-20,30        these ids, one by one
+  wackel scan --thorough           all ids one by one: slower, but finds servos
+                                   whose answers collide or are disturbed
+  wackel scan --write robot.toml   also writes a configuration to start from
 
 exit codes: 0 servos found, 1 none found or no port, 2 wrong usage
 """

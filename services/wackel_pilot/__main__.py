@@ -13,7 +13,7 @@ from wackel_pilot import path
 
 _EXAMPLES = """\
 examples:
-  wackel pilot                                        a circle of 1 m at 0.3 m/s
+  wackel pilot                     a circle of 1 m at 0.3 m/s
   wackel pilot --path eight --speed 0.5 --radius 0.8
   wackel pilot --path random --seed 3 --for 60
 """
@@ -24,9 +24,9 @@ def main(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(
         prog="wackel pilot",
         description="Drives a robot with [drive] along a path: publishes command/twist and the\n"
-        "servos' goals on bus/<bus>/command, 100 times a second. THE ROBOT MOVES. Ctrl-C stops\n"
-        "its wheels. Servos that drive are put into wheel mode; where one could not follow, the\n"
-        "whole robot drives slower.",
+        "servos' goals on bus/<bus>/command, 100 times a second. THE ROBOT MOVES. Ctrl-C\n"
+        "stops its wheels. Servos that drive are put into wheel mode; where one could\n"
+        "not follow, the whole robot drives slower.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

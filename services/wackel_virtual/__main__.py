@@ -8,17 +8,18 @@ from typing import TYPE_CHECKING, Literal
 from wackel_node import log
 from wackel_node.algebra import single_threaded
 from wackel_node.arguments import add_config, config_of
-from wackel_node.errors import FAILED, OK
+from wackel_node.errors import FAILED, OK, USAGE, Explained
 
 if TYPE_CHECKING:
     from wackel_schemas.virtual import Injection
     from wackel_virtual.faults import Kind
 
 _RUN = """\
-Runs a virtual robot: every bus of robot.toml as a pseudo-terminal at its port's path, with servos
-that answer as real ones do, in real time. Any Dynamixel software can open it. Without robot.toml
-there are 12 XM430-W210 with the ids 1 to 12 at 1 Mbit/s on ./wackel-bus. With [drive] the servos
-move wheels on a floor, and gyros of source "topic" are published.
+Runs a virtual robot: every bus of robot.toml as a pseudo-terminal at its port's
+path, with servos that answer as real ones do, in real time. Any Dynamixel
+software can open it. Without robot.toml there are 12 XM430-W210 with the ids
+1 to 12 at 1 Mbit/s on ./wackel-bus. With [drive] the servos move wheels on a
+floor, and gyros of source "topic" are published.
 
 While it runs, from another terminal:
   wackel virtual inject KIND ...   break something
@@ -44,6 +45,12 @@ examples:
 """
 
 
+class WrongOrder(Explained, ValueError):
+    """Options stand before the word that says what to do."""
+
+    exit_code = USAGE
+
+
 def main(argv: list[str]) -> int:
     """Runs the command; returns its exit code."""
     match argv:
@@ -55,6 +62,9 @@ def main(argv: list[str]) -> int:
             return _list(rest)
         case ["kinds", *rest]:
             return _kinds(rest)
+    for word in ("inject", "heal", "list", "kinds"):
+        if word in argv[1:]:
+            raise WrongOrder(f"begin with the word: wackel virtual {word} ...; options follow it")
     return _run(argv)
 
 

@@ -17,7 +17,7 @@ def test_the_overview_names_every_command_and_exit_code() -> None:
         assert command.help in text
     for code in ("0 done", "1 failed", "2 wrong usage", "3 no robot", "130 interrupted"):
         assert code in text
-    assert max(map(len, text.splitlines())) <= 90
+    assert max(map(len, text.splitlines())) <= 80
 
 
 @pytest.mark.parametrize(("argv", "code"), [(["--help"], 0), (["-h"], 0), (["help"], 0), ([], 2)])
@@ -45,13 +45,17 @@ def test_an_unknown_command_gets_a_suggestion(
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_explains_itself(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_command_explains_itself(
+    name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
     with pytest.raises(SystemExit) as exit_:
         main([name, "--help"])
     assert exit_.value.code == 0
     text = capsys.readouterr().out
     assert text.startswith(f"usage: wackel {name}")
     assert len(text.splitlines()) > 5
+    assert max(map(len, text.splitlines())) <= 80
 
 
 def test_an_expected_failure_is_one_line_with_its_own_exit_code(
