@@ -8,8 +8,7 @@ at all has a defined and counted outcome; none of it stops the steps.
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -41,8 +40,7 @@ MOST_RATE = 1e3
 _AXES = {"x": 0, "y": 1, "z": 2}
 
 
-@dataclass(frozen=True)
-class Step:
+class Step(NamedTuple):
     """What all sensors said of one stretch of time; NaN where one said nothing.
 
     Attributes:
@@ -109,20 +107,18 @@ class Alignment:
             Whether any of it was taken; else no step can have become due.
         """
         tracks = self._by_bus.get(bus, {})
-        relevant = [
-            servo
-            for servo in state.servos
-            if servo.id in tracks and (servo.position is not None or servo.velocity is not None)
-        ]
-        if not relevant or not self._fits(state.stamp, bus):
-            return False
-        stamp, done, taken = state.stamp, self._done or 0, False
-        for servo in relevant:
-            position, velocity = servo.position, servo.velocity
+        stamp, believed, taken = state.stamp, False, False
+        for servo in state.servos:
+            track, position, velocity = tracks.get(servo.id), servo.position, servo.velocity
+            if track is None or (position is None and velocity is None):
+                continue
+            if not believed and not self._fits(stamp, bus):
+                return False
+            believed = True
             if not (_within(position, MOST_ANGLE) and _within(velocity, MOST_RATE)):
                 self._refuse(component.servo(bus, servo.id), "implausible")
                 continue
-            arrival = tracks[servo.id].add(stamp, position, velocity, done)
+            arrival = track.add(stamp, position, velocity, self._done or 0)
             if arrival == "kept" or self._taken(component.servo(bus, servo.id), arrival):
                 taken = True
         if taken:
@@ -175,8 +171,8 @@ class Alignment:
             if turned is not None:
                 wheel_rate[i] = joint.sign * turned / seconds
         for i, joint, track in self._steering:
-            angle, turned = track.angle(begin), track.turned(begin, end)
-            if angle is not None and turned is not None:
+            turned = track.turned(begin, end)
+            if turned is not None and (angle := track.angle(begin)) is not None:
                 heading[i] = joint.sign * (angle + turned / 2) + joint.offset
                 steered[i] = joint.sign * turned
         gyro_rate = [math.nan] * len(self._gyros)

@@ -6,7 +6,7 @@ evidence that the bank then gives per step says whether the fault shows, and aga
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -136,12 +136,12 @@ class Isolability:
             number = list(self._gyros).index(fault.removeprefix("gyro/"))
             rate = step.gyro_rate.copy()
             rate[number] += GYRO_OFF
-            return replace(step, gyro_rate=rate)
+            return step._replace(gyro_rate=rate)
         part, wheel = place
         if part == "drive":
             rates = step.wheel_rate.copy()
             rates[wheel] *= 1 - SLOW
-            return replace(step, wheel_rate=rates)
+            return step._replace(wheel_rate=rates)
         heading = step.heading.copy()
         heading[wheel] += OFF_RAD
-        return replace(step, heading=heading)
+        return step._replace(heading=heading)

@@ -5,11 +5,10 @@ Time is the stamps of the messages, so a recording gives the same as the robot.
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 from operator import gt
 
 import numpy as np
-from msgspec.structs import replace as replace_fields
+from msgspec.structs import replace
 
 from wackel_drive.alignment import Alignment, Step
 from wackel_drive.layout import Layout
@@ -137,7 +136,7 @@ class Odometer:
         """
         named = {each.component: each for each in message.excluded}
         self._excluded = [
-            replace_fields(each, reason=each.reason[:MOST_REASON])
+            replace(each, reason=each.reason[:MOST_REASON])
             for each in named.values()
             if self._rows.of_component(each.component) is not None
         ]
@@ -186,7 +185,7 @@ class Odometer:
     def _step(self, step: Step) -> Odometry:
         useless = [not watch.usable(step) for watch in self._gyros.values()]
         if any(useless):
-            step = replace(step, gyro_rate=np.where(useless, np.nan, step.gyro_rate))
+            step = step._replace(gyro_rate=np.where(useless, np.nan, step.gyro_rate))
         estimator = self._filter
         estimator.seconds = step.seconds
         estimator.predict()
@@ -333,7 +332,7 @@ class Odometer:
         """The latest, at the pose to which it was set."""
         px, py, theta = self._filter.x[POSE].tolist()
         covariance = self._filter.P[POSE, POSE].ravel().tolist()
-        return replace_fields(
+        return replace(
             odometry,
             x=px,
             y=py,
@@ -386,7 +385,7 @@ class Odometer:
         self._silent, self._told = True, now
         age_s = (now - done) / 1e9
         reason = f"the wheels have said nothing for {age_s:.1f} s"
-        self._latest = replace_fields(latest, valid=False, reason=reason, age_s=age_s)
+        self._latest = replace(latest, valid=False, reason=reason, age_s=age_s)
         return [
             self._latest,
             *self._reports.begin(component.ODOMETRY, [_pose_unknown(reason)], now),
