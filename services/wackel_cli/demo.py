@@ -44,6 +44,7 @@ SERVOS = 12
 SPEED_M_S = 0.3  # as fast as an XM430 turns a wheel of 5 cm, with some reserve
 _REDRAW_S = 0.25
 _STORY_LINES = 5
+_LAST_WORDS = 20  # lines of the services' log, if they do not come up
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,6 @@ def main(argv: list[str]) -> int:
             (Path(directory) / "services.log").open("w", encoding="utf-8") as services_log,
             rendezvous(config) as link,
             stopped_by_signals(link) as stopped,
-            supervised(link, jobs, _note, services_log) as supervisor,
         ):
             log.set_up("demo")
             show = Show(link, config, arguments.faults)
@@ -152,18 +152,19 @@ def main(argv: list[str]) -> int:
             if arguments.view:
                 show.tell(f"view: ws://127.0.0.1:{port} with the layout {layout}")
             view = _plain if plain else _live
+            with supervised(link, jobs, show.note, services_log) as supervisor:
 
-            def going_on() -> bool:
-                supervisor.step()
-                show.step(time.monotonic())
-                return not (stopped() or show.over)
+                def going_on() -> bool:
+                    supervisor.step()
+                    show.step(time.monotonic())
+                    return not (stopped() or show.over)
 
-            view(show, console, going_on)
-    return FAILED if show.missed else OK
-
-
-def _note(_: Change) -> None:
-    """Starts and ends of processes show in health."""
+                view(show, console, going_on)
+        if not show.began:
+            words = (Path(directory) / "services.log").read_text(encoding="utf-8").splitlines()
+            print("the demo did not begin; the last words of its services:", file=sys.stderr)
+            print(*words[-_LAST_WORDS:], sep="\n", file=sys.stderr)
+    return FAILED if show.missed or not show.began else OK
 
 
 class Show:
@@ -173,7 +174,8 @@ class Show:
         model: What the robot's topics say.
         story: What has happened so far, a line each, newest last.
         missed: Faults that were not named within their time.
-        over: All the faults that were asked for have been shown.
+        began: There was health, or the user did not wait for it.
+        over: All the faults that were asked for have been shown, or the robot did not come up.
     """
 
     def __init__(self, link: Link, config: RobotConfig, faults: int | None) -> None:
@@ -182,6 +184,7 @@ class Show:
         self.story: list[str] = []
         self.missed = 0
         self.over = False
+        self.began = True
         self._left = faults
         self._begin_s = time.monotonic()
         self._next = 0
@@ -196,6 +199,11 @@ class Show:
     def tell(self, line: str) -> None:
         """Adds a line to the story."""
         self.story.append(f"{time.monotonic() - self._begin_s:6.1f} s  {line}")
+
+    def note(self, change: Change) -> None:
+        """A process of the robot started or ended."""
+        if change.event in ("exited", "given up", "killed"):
+            self.tell(f"{change.name} ended: {change.detail}")
 
     def step(self, now_s: float) -> None:
         """Does what is due."""
@@ -216,6 +224,8 @@ class Show:
         """Whether the robot is well again, or has not become so for long enough."""
         health = self.model.health
         if health is None:
+            if now_s >= self._patient_until_s:
+                self.began, self.over = False, True
             return False
         if health.level == "ok" and now_s - self._stood_s >= DRIVEN_S:
             return True

@@ -5,13 +5,17 @@ import os
 import re
 import signal
 import tempfile
+import time
 from pathlib import Path
 
 import pytest
 
-from tests.conftest import wait_until
+from tests.conftest import Rendezvous, wait_until
 from tests.end_to_end.command import LIMIT_S, read_until, started, wackel
 from tests.view.viewer import Viewer
+from wackel_cli.demo import START_S, Show
+from wackel_cli.supervisor import Change
+from wackel_node.link import Link
 from wackel_view.core import ROBOT
 
 pytestmark = pytest.mark.process
@@ -55,6 +59,18 @@ def test_the_demo_can_be_looked_at_in_a_viewer(
         demo.send_signal(signal.SIGINT)
         assert demo.wait(10) == 0
     assert not processes_with(tmp_path)
+
+
+def test_services_that_do_not_come_up_end_the_demo(rendezvous: Rendezvous) -> None:
+    with Link(rendezvous.config) as link:
+        show = Show(link, rendezvous.config, faults=None)
+        show.note(Change("classifier", "exited", 1, "signal 9, restarting in 0.2 s"))
+        show.step(time.monotonic() + START_S - 1.0)
+        assert not show.over
+        show.step(time.monotonic() + START_S)
+    assert show.over
+    assert not show.began
+    assert "classifier ended: signal 9, restarting in 0.2 s" in show.story[0]
 
 
 def _connected(port: int) -> Viewer:
