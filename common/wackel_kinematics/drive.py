@@ -8,7 +8,8 @@ Every row is one form. A direction at angle ψ through the contact point (x, y) 
 - roll row of a wheel with rollers at angle γ: ψ = α + β − π/2 + γ, divided by cos γ, so that it
   too equals r φ̇ (Siegwart, Nourbakhsh, section 3.2.3, Swedish wheel).
 
-Turning ψ by π/2 is the derivative by β, hence dc/dβ = −j and dj/dβ = +c.
+Turning ψ by π/2 is the derivative by β, hence dc/dβ = −j and dj/dβ = +c. Each entry
+is a sum of constant shares of the cosine and the sine of the wheel's heading α + β − π/2.
 """
 
 import math
@@ -62,10 +63,14 @@ class Drive:
             raise ValueError("no wheel away from the origin constrains the motion")
         self.length_m = math.sqrt(sum(d * d for d in distances) / len(distances))
 
-        rollers = [wheels[i].roller_rad for i in roll]
-        self._turn = _frozen([0.0] * len(slide) + [angle - math.pi / 2 for angle in rollers])
-        self._scale = _frozen([1.0] * len(slide) + [1 / math.cos(angle) for angle in rollers])
-        self._row_x, self._row_y = self.xy[self.row_wheels].T
+        self._mounted_heading = self._mounted + self.alpha - math.pi / 2
+        self._all_steer = bool(self.steers.all())
+        # What each row sees of the motion along its wheel's heading, and to the left of it.
+        along = np.array([0.0] * len(slide) + [1.0] * len(roll))
+        left = np.array([1.0] * len(slide) + [math.tan(wheels[i].roller_rad) for i in roll])
+        x, y = self.xy[self.row_wheels].T
+        self._by_cos = np.stack([along, left, x * left - y * along], axis=-1)
+        self._by_sin = np.stack([-left, along, x * along + y * left], axis=-1)
 
     @property
     def n(self) -> int:
@@ -106,14 +111,25 @@ class Drive:
             Shape (..., R, 3); first two columns without unit, third in m. Rows of a wheel whose
             angle is not finite are NaN.
         """
-        angle = (self.beta(steering) + self.alpha)[..., self.row_wheels] + self._turn
+        return self.rows_along(self.heading(steering))
+
+    def rows_along(self, heading: Floats) -> Floats:
+        """The rows of wheels that stand along headings; as :meth:`rows`, without an angle β.
+
+        Args:
+            heading: Rolling directions, rad, shape (..., n).
+
+        Raises:
+            ValueError: The last axis is not n long.
+        """
+        heading = last_axis(heading, self.n, "heading")
+        if not self._all_steer:
+            heading = np.where(self.steers, heading, self._mounted_heading)
         with np.errstate(invalid="ignore"):
-            cos, sin = self._scale * np.cos(angle), self._scale * np.sin(angle)
-        rows = np.empty((*angle.shape, 3))
-        rows[..., 0] = cos
-        rows[..., 1] = sin
-        np.subtract(self._row_x * sin, self._row_y * cos, out=rows[..., 2])
-        return rows
+            cos, sin = np.cos(heading), np.sin(heading)
+        by_cos = cos.take(self.row_wheels, axis=-1)[..., None] * self._by_cos
+        by_sin = sin.take(self.row_wheels, axis=-1)[..., None] * self._by_sin
+        return np.asarray(by_cos + by_sin)
 
     def values(self, wheel_rate: Floats) -> Floats:
         """What the rows times ξ equal: 0 for slide rows, r φ̇ for roll rows (eq. 5 and 6).
