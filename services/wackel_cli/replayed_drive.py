@@ -12,41 +12,40 @@ from wackel_schemas.keys import EXCLUSIONS, IMU, STATE, TWIST_COMMAND, chunk_of
 from wackel_schemas.message import Message
 
 
-class ReplayedOdometry(Replayed):
+class _ReplayedDrive(Replayed):
+    """One of the two, on the same wheels and gyros."""
+
+    def __init__(self, core: Odometer | Diagnoser) -> None:
+        self._core = core
+
+    def take(self, key: str, message: Message) -> Iterable[Message]:
+        """What it concludes."""
+        core = self._core
+        match message:
+            case BusState():
+                return core.bus_state(chunk_of(STATE, key, "bus"), message)
+            case ImuSample():
+                return core.imu(chunk_of(IMU, key, "name"), message)
+            case Exclusions() if isinstance(core, Odometer):
+                core.exclusions(message)
+            case TwistCommand() if isinstance(core, Diagnoser):
+                core.command(message)
+        return ()
+
+
+class ReplayedOdometry(_ReplayedDrive):
     """``wackel odometry``."""
 
     topics = (STATE, IMU, EXCLUSIONS)  # type: ignore[assignment]
 
     def __init__(self, drive: DriveConfig, gyros: Mapping[str, GyroConfig]) -> None:
-        self._core = Odometer(drive, gyros)
-
-    def take(self, key: str, message: Message) -> Iterable[Message]:
-        """What it concludes."""
-        match message:
-            case BusState():
-                return self._core.bus_state(chunk_of(STATE, key, "bus"), message)
-            case ImuSample():
-                return self._core.imu(chunk_of(IMU, key, "name"), message)
-            case Exclusions():
-                self._core.exclusions(message)
-        return ()
+        super().__init__(Odometer(drive, gyros))
 
 
-class ReplayedDiagnoser(Replayed):
+class ReplayedDiagnoser(_ReplayedDrive):
     """``wackel diagnoser``."""
 
     topics = (STATE, IMU, TWIST_COMMAND)  # type: ignore[assignment]
 
     def __init__(self, drive: DriveConfig, gyros: Mapping[str, GyroConfig]) -> None:
-        self._core = Diagnoser(drive, gyros)
-
-    def take(self, key: str, message: Message) -> Iterable[Message]:
-        """What it concludes."""
-        match message:
-            case BusState():
-                return self._core.bus_state(chunk_of(STATE, key, "bus"), message)
-            case ImuSample():
-                return self._core.imu(chunk_of(IMU, key, "name"), message)
-            case TwistCommand():
-                self._core.command(message)
-        return ()
+        super().__init__(Diagnoser(drive, gyros))
