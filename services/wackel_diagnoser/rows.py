@@ -105,38 +105,37 @@ class Rows:
         self._slide_roll = self._roll_of[slides]
         self._slide_rolls = bool((self._slide_roll >= 0).all())
         settings = list(gyros.values())
-        quantum = drive.roll_radius * config.encoder_step / math.sqrt(6)
-        none = np.zeros(len(slides))
-        self._white = np.concatenate(
-            [
-                none + CREEP**2,
-                np.zeros(len(rolls)),
-                np.zeros(len(settings)),
-                np.full(len(self._steered), config.encoder_step**2 + FOLLOWS**2),
-                np.full(len(rolls), (0.5 * CREEP) ** 2),
-            ]
+        per_kind = (len(slides), len(rolls), len(gyros), len(self._steered), len(rolls))
+
+        def of_kinds(*values: Floats | float) -> Floats:
+            """Each row's value: slides, rolls, gyros, steering, rolling; one, or one each."""
+            pairs = zip(values, per_kind, strict=True)
+            return np.concatenate([np.broadcast_to(value, (count,)) for value, count in pairs])
+
+        quantum = (drive.roll_radius * config.encoder_step / math.sqrt(6)) ** 2
+        density = np.array([gyro.noise_density**2 for gyro in settings])
+        wander = np.array([gyro.bias_stability**2 for gyro in settings])
+        self._white = of_kinds(
+            CREEP**2,
+            0.0,
+            wander + (0.5 * CREEP / drive.length_m) ** 2,
+            config.encoder_step**2 + FOLLOWS**2,
+            (0.5 * CREEP) ** 2,
         )
-        density = np.array([each.noise_density**2 for each in settings])
-        wander = np.array([each.bias_stability**2 for each in settings])
-        self._white[self.gyros] = wander + (0.5 * CREEP / drive.length_m) ** 2
-        self._per_time = np.zeros(self.count)
-        self._per_time[self.gyros] = density
-        self._per_step = np.zeros(self.count)
-        self._per_step[self.rolls] = self._per_step[self.rolling] = quantum**2
-        self._share = np.concatenate(
-            [
-                np.full(len(slides), config.steering_error),
-                np.full(len(rolls), config.radius_error),
-                [each.scale_error for each in settings],
-                np.zeros(len(self._steered)),
-                np.full(len(rolls), FOLLOWS),
-            ]
-        )
-        self._to_beta = math.pi / 2 - drive.alpha
+        self._per_time = of_kinds(0.0, 0.0, density, 0.0, 0.0)
+        self._per_step = of_kinds(0.0, quantum, 0.0, 0.0, quantum)
+        scale = np.array([gyro.scale_error for gyro in settings])
+        self._share = of_kinds(config.steering_error, config.radius_error, scale, 0.0, FOLLOWS)
+        self._size = of_kinds(SLOWEST, SLOWEST, TREMBLE, 1.0, SLOWEST)
+        self._size_by_speed = of_kinds(1.0, 1.0, YAW / drive.length_m, 0.0, 1.0)
+        # What a manoeuvre adds to each row, by what is late or forced in it, and by the mean slip.
+        self._late = of_kinds(FORCED, FORCED, JERK, PENDING, PENDING)
+        self._slipping = of_kinds(SHARED, SHARED, YAWING / drive.length_m, 0.0, SHARED)
+        self._zeros = np.zeros(drive.n)
         self._h = np.zeros((self.count, 3))
         self._h[self.gyros, 2] = 1.0
         self._constraints = len(slides) + len(rolls)
-        self._length_m = drive.length_m
+        self._no_slide, self._no_steering = np.zeros(len(slides)), np.zeros(len(self._steered))
         # The rows of a wheel that has both are square to each other, at any angle.
         straight = drive.rows(drive.steering(np.zeros(drive.n)))
         both = set(slides.tolist()) & set(rolls.tolist())
@@ -151,6 +150,10 @@ class Rows:
         """Number of a wheel's roll row among the roll rows; -1 if it has none."""
         return int(self._roll_of[wheel])
 
+    def correct(self, zeros: Floats) -> None:
+        """Wheels stand so far off what they show, rad to the left, shape (n,)."""
+        self._zeros = zeros
+
     def measure(self, step: Step, target: Target, bias: Floats) -> Measured:
         """The rows of a step.
 
@@ -161,66 +164,77 @@ class Rows:
         """
         drive, dt, steered = self._drive, step.seconds, self._steered
         slides, rolls, gyros, rolling = self.slides, self.rolls, self.gyros, self.rolling
+        headings = np.empty((2, drive.n))
+        headings[0], headings[1] = step.heading, target.heading
+        headings += self._zeros
+        rows, wanted = drive.rows_along(headings)
         h = self._h.copy()
-        both = drive.rows(np.array([step.heading, target.heading]) + self._to_beta)
-        h[: self._constraints] = both[0]
-        rolled = drive.roll_radius * step.wheel_rate[drive.roll_wheels]
-        z = np.zeros(self.count)
-        z[rolls] = rolled
-        z[gyros] = step.gyro_rate - bias
-        z[self.steering] = (step.heading - target.heading)[steered]
-        z[rolling] = rolled - target.speed
+        h[: self._constraints] = rows
+        rolled = step.wheel_rate.take(drive.roll_wheels)
+        rolled *= drive.roll_radius
+        z = np.concatenate(
+            (
+                self._no_slide,
+                rolled,
+                step.gyro_rate - bias,
+                (step.heading - target.heading).take(steered),
+                rolled - target.speed,
+            )
+        )
+        speeds = target.speed
+        lag = np.abs(step.steered.take(steered)) * (STEERING_LAG_S / dt)
+        forced = self._slip(wanted, speeds)
         # One sum tells whether anything is missing, which is rare.
-        whole = math.isfinite(float(z.sum())) and math.isfinite(float(h.sum()))
+        whole = math.isfinite(sum(z.tolist()))
         present = self._all
         if not whole:
             present = np.isfinite(z) & np.isfinite(h[:, 0])
             z[~present] = 0.0
             h[~present] = 0.0
-        shown = np.maximum(np.abs(rolled), np.abs(target.speed))
-        if not whole:
-            shown = np.fmax(np.abs(z[rolls]), np.abs(np.nan_to_num(target.speed)))
-        speed = float(shown.max(initial=0.0))
+            rolled, speeds, lag = z[rolls], np.nan_to_num(speeds), np.nan_to_num(lag)
+        shown = np.maximum(np.abs(rolled), np.abs(speeds))
+        speed = max(shown.tolist(), default=0.0)
         # Along the slide rows a wheel's own speed; the robot's where it does not roll by itself.
-        sliding = shown[self._slide_roll] if self._slide_rolls else np.full(slides.stop, speed)
-        size = np.full(self.count, speed + SLOWEST)
-        size[gyros] = TREMBLE + YAW * speed / self._length_m
-        size[self.steering] = 1.0
-        magnitude = np.zeros(self.count)
-        magnitude[slides], magnitude[rolls], magnitude[rolling] = sliding, shown, shown
-        magnitude[gyros] = np.abs(z[gyros])
-        magnitude *= self._share
-        base = magnitude * magnitude
-        base += self._white + self._per_time / dt + self._per_step / dt**2
+        sliding = shown.take(self._slide_roll) if self._slide_rolls else np.full(slides.stop, speed)
+        size = self._size_by_speed * speed
+        size += self._size
+        turning = z[gyros]
+        base = np.concatenate((sliding, shown, turning, self._no_steering, shown))
+        base *= self._share
+        base *= base
+        base += self._white + (self._per_time + self._per_step / dt) / dt
 
         # While wheels turn, their references contradict each other: they really slip.
-        forced = self._slip(both[1], target.speed)
         mean = math.sqrt(float(forced @ forced) / len(forced))
-        loose = np.full(self.count, SHARED * mean)
-        loose[: self._constraints] += FORCED * np.abs(forced)
-        turned = np.abs(step.steered[steered]) / dt
-        if not whole:
-            turned = np.nan_to_num(turned)
-        if len(steered) == len(sliding):
-            loose[slides] += sliding * turned * STEERING_LAG_S
-        loose[self.steering] = PENDING * target.heading_gap[steered] + STEERING_LAG_S * turned
-        droop = DROOP_M_S * mean / (mean + GRIP_M_S)
-        loose[rolling] += PENDING * np.abs(target.speed_gap) + droop
-        jerk = np.abs(z[gyros] - self._gyro_before)
-        loose[gyros] = YAWING * mean / self._length_m + JERK * jerk
-        self._gyro_before = z[gyros]
+        loose = np.concatenate(
+            (
+                forced,
+                turning - self._gyro_before,
+                target.heading_gap.take(steered),
+                target.speed_gap,
+            )
+        )
+        np.abs(loose, out=loose)
+        loose *= self._late
+        loose += self._slipping * mean
+        loose[rolling] += DROOP_M_S * mean / (mean + GRIP_M_S)
+        if len(lag) == len(sliding):
+            loose[slides] += sliding * lag
+        loose[self.steering] += lag
+        loose *= loose
+        self._gyro_before = turning
         if not whole:
             size[~present] = 0.0
-        return Measured(z, h, base, loose * loose, size, speed, present)
+        return Measured(z, h, base, loose, size, speed, present)
 
-    def _slip(self, rows: Floats, speed: Floats) -> Floats:
+    def _slip(self, rows: Floats, speeds: Floats) -> Floats:
         """How much the references contradict each other, m/s, shape (R,); 0 if there are none."""
-        wanted = np.zeros(len(rows))
-        wanted[self.rolls] = speed
-        right = wanted @ rows
-        if not math.isfinite(float(right.sum())):
+        right = speeds @ rows[self.rolls]
+        if not math.isfinite(sum(right.tolist())):
             return np.zeros(len(rows))
         inverse = self._inverse
         if inverse is None:
             inverse = np.asarray(np.linalg.inv(rows.T @ rows + REGULAR))
-        return np.asarray(wanted - rows @ (inverse @ right))
+        slip = np.asarray(rows @ (inverse @ right))
+        slip[self.rolls] -= speeds
+        return slip
