@@ -66,6 +66,13 @@ FAULT_CODES: dict[str, FaultCode] = {
         "fault",
         _CHAIN,
     ),
+    "servo_unheard": FaultCode(
+        "{component} has given no intact answer for a second; why is not known yet.",
+        "Wait some seconds for the cause to be named. If none is, check the servo's two plugs and "
+        "its supply, and take load off the computer if that is late (host_lag).",
+        "fault",
+        _CHAIN,
+    ),
     "loose_contact": FaultCode(
         "{component} has a loose contact: the connection comes and goes.",
         "Reseat both plugs of this cable and move it while watching the loss; exchange the cable "
@@ -422,13 +429,25 @@ FAULT_CODES: dict[str, FaultCode] = {
 # A key that is confirmed explains the faults listed for it, which stay visible but inhibited.
 EXPLAINS: dict[str, frozenset[str]] = {
     "adapter_unplugged": frozenset(
-        {"lost_signal", "no_power", "cable_break", "servo_silent", "loose_contact", "packet_loss"}
+        {
+            "lost_signal",
+            "no_power",
+            "cable_break",
+            "servo_silent",
+            "servo_unheard",
+            "loose_contact",
+            "packet_loss",
+        }
     ),
-    "lost_signal": frozenset({"servo_silent", "packet_loss"}),
-    "no_power": frozenset({"servo_silent", "packet_loss", "undervoltage", "low_supply"}),
+    "lost_signal": frozenset({"servo_silent", "servo_unheard", "packet_loss"}),
+    "no_power": frozenset(
+        {"servo_silent", "servo_unheard", "packet_loss", "undervoltage", "low_supply"}
+    ),
     "cable_break": frozenset({"servo_silent", "packet_loss"}),
     "loose_contact": frozenset({"packet_loss", "crc_errors", "stray_data"}),
-    "permanent_jammer": frozenset({"packet_loss", "crc_errors", "stray_data", "noise"}),
+    "permanent_jammer": frozenset(
+        {"servo_unheard", "packet_loss", "crc_errors", "stray_data", "noise"}
+    ),
     "noise": frozenset({"packet_loss", "crc_errors", "stray_data"}),
     "return_delay": frozenset({"slow_servo"}),
     "latency_timer": frozenset({"slow_servo"}),

@@ -167,33 +167,8 @@ class BusClassifier:
             self._jammers.step(symptoms, stamp)
         news = bool(answers.unexpected) or before != self._jammers.findings()
         jammed = self._jammers.permanent is not None or symptoms.sign is Sign.SATURATED
-        waiting = self._reach.waiting | self._losses.waiting
-        heard: list[int] = []
-        missed: list[int] = []
-        for place, outcome in enumerate(symptoms.outcomes):
-            position = request.places[place]
-            if position is None or outcome is Outcome.UNTESTED:
-                continue
-            if outcome is Outcome.ANSWERED:
-                if waiting >> position & 1:
-                    news = True
-                    self._reach.heard(heard, now_ns)
-                    self._answered(position, stamp)
-                else:
-                    heard.append(position)
-                continue
-            news = True
-            if outcome is Outcome.SILENT:
-                self._reach.missed(position, now_ns, stamp, self._chance(request))
-                missed.append(position)
-            # Those that follow one that was not heard share its fate.
-            first = not place or symptoms.outcomes[place - 1] is Outcome.ANSWERED
-            if first and not jammed:
-                event = _event(position, place, symptoms)
-                spoken = outcome is Outcome.LOST or event.mark is Mark.DAMAGED
-                self._losses.failed(event, stamp, spoken=spoken)
-        self._reach.heard(heard, now_ns)
-        self._losses.succeeded(heard)
+        missed, new = self._hear(request, symptoms, stamp, jammed=jammed)
+        news = news or new
         if jammed:
             self._jammed_ns = now_ns
             self._losses.reset()
@@ -207,6 +182,49 @@ class BusClassifier:
                 request.learn_errors(data)
         self._contents(transaction, request, answers)
         return news or not (answers.clean or jammed or symptoms.rhythmic)
+
+    def _hear(
+        self, request: Request, symptoms: Symptoms, stamp: int, *, jammed: bool
+    ) -> tuple[list[int], bool]:
+        """Who was heard in a transaction and who was not.
+
+        Returns:
+            Positions of those that were silent, and whether there is news of any servo.
+        """
+        now_ns, reach = self._now_ns, self._reach
+        waiting = reach.waiting | self._losses.waiting
+        heard: list[int] = []
+        missed: list[int] = []
+        news = False
+        for place, outcome in enumerate(symptoms.outcomes):
+            position = request.places[place]
+            if position is None:
+                continue
+            if outcome is Outcome.ANSWERED:
+                if waiting >> position & 1:
+                    news = True
+                    reach.heard(heard, now_ns)
+                    self._answered(position, stamp)
+                else:
+                    heard.append(position)
+                continue
+            if outcome is Outcome.SILENT:
+                reach.missed(position, now_ns, stamp, self._chance(request))
+                missed.append(position)
+            else:
+                reach.asked(position, now_ns, stamp)
+            if outcome is Outcome.UNTESTED:
+                continue
+            news = True
+            # Those that follow one that was not heard share its fate.
+            first = not place or symptoms.outcomes[place - 1] is Outcome.ANSWERED
+            if first and not jammed:
+                event = _event(position, place, symptoms)
+                spoken = outcome is Outcome.LOST or event.mark is Mark.DAMAGED
+                self._losses.failed(event, stamp, spoken=spoken)
+        reach.heard(heard, now_ns)
+        self._losses.succeeded(heard)
+        return missed, news
 
     def _error_bytes(self, request: Request, answers: Answers, stamp: int) -> None:
         alerting = self._alerts.alerting
@@ -335,7 +353,7 @@ class BusClassifier:
         """What has changed with this transaction."""
         now_ns, stamp = self._now_ns, transaction.stamp
         jammers, reach = self._jammers, self._reach
-        if reach.waiting:
+        if reach.waiting or reach.unheard:
             self._make_up()
         findings = jammers.findings()
         findings += reach.findings(now_ns, jammed=jammers.permanent is not None)
@@ -358,7 +376,7 @@ class BusClassifier:
             findings = explain(findings, self._chain, stamp)
         reports = self._book.update(stamp, findings, transaction)
         self._conclude_ns = now_ns + CONCLUDE_NS
-        self._attention = reach.waiting | self._losses.waiting
+        self._attention = reach.waiting | reach.unheard | self._losses.waiting
         if jammers.suspicious:
             self._attention |= 1 << len(self._chain)
         return reports

@@ -29,6 +29,7 @@ _ALSO = {
     "packet_loss": frozenset(("stray_data",)),  # two losses in one answer leave half packets
     "crc_errors": frozenset(("stray_data",)),
 }
+_GONE = frozenset(("cable_break", "lost_signal", "servo_silent", "servo_unheard"))
 _NEVER_ALONE = "unclassified"
 
 
@@ -50,7 +51,7 @@ def _explains(cause: Finding, finding: Finding, chain: Chain, stamp: int) -> boo
         return True
     if code in _ALSO.get(cause.code, ()):
         return True
-    if cause.code == "loose_contact" and code in ("cable_break", "lost_signal", "servo_silent"):
+    if cause.code == "loose_contact" and code in _GONE:
         # While the contact is open, and while servos restart after it, those behind it are gone.
         passing = stamp - finding.since < INTERRUPTED_NS
         return passing and _is_behind(finding, cause.component, chain)

@@ -25,6 +25,8 @@ SPARKS = 2
 a contact at once: neither loss nor noise makes bytes, but one discharge may come from outside."""
 STRAY_NS = 5_000_000_000
 """How long stray bytes are told after the last of them."""
+STRAY_WAIT_NS = 3_000_000_000
+"""How long they wait for an explanation: nine of ten contacts that throw any are named by then."""
 RECONNECTS = 2
 RECONNECTS_ALL = 3
 """So often a connection must be interrupted and come back within three windows to be loose; more
@@ -109,6 +111,7 @@ class Losses:
         self._interruptions: deque[tuple[int, int, Interruption]] = deque(maxlen=16)
         self._since = 0
         self._stray_since = 0
+        self._stray_since_ns = 0
 
     @property
     def share(self) -> float:
@@ -150,6 +153,7 @@ class Losses:
         """Bytes of nobody in a transaction."""
         if not self._strays or now_ns - self._strays[-1] > STRAY_NS:
             self._stray_since = stamp
+            self._stray_since_ns = now_ns
         self._strays.append(now_ns)
 
     def interrupted(self, interruption: Interruption, stamp: int) -> None:
@@ -200,7 +204,7 @@ class Losses:
         self._told = bool(findings)
         while self._strays and now_ns - self._strays[-1] > STRAY_NS:
             self._strays.clear()
-        if len(self._strays) == SPARKS:
+        if len(self._strays) == SPARKS and now_ns - self._stray_since_ns >= STRAY_WAIT_NS:
             findings.append(
                 Finding(
                     "stray_data",

@@ -26,6 +26,12 @@ SAME_NS = 1_000_000_000
 master notices by and by, as it asks them on their own."""
 DARK_NS = 100_000_000
 """Servos that are silent for so long start anew: the interruption itself is mostly over by then."""
+UNHEARD_NS = 1_000_000_000
+"""How long no intact answer may come from a servo that is asked before that is told whatever the
+reason, for a robot whose servos do not answer is not healthy: longer than to name the reason takes.
+"""
+START_NS = 450_000_000
+"""How long the others may need when one of those with a common cause is back: a restart, 0.4 s."""
 BACK_ANSWERS = 3
 """Answers in a row after which a servo that was gone is back: one may slip through."""
 CERTAIN = -math.log(1e-10)
@@ -73,6 +79,8 @@ class Reach:
 
     Attributes:
         waiting: The servos that are without an answer, a bit for each position.
+        unheard: Those and all others that were asked and from whom no intact answer came, be it
+            damaged or for want of a turn.
         unsettled: Whether time alone may change the findings.
         interrupted: A cable was, and has just come back; reset by the reader.
     """
@@ -83,7 +91,9 @@ class Reach:
         self._chain = chain
         self._servos = [_Servo() for _ in range(len(chain))]
         self._answered_ns = [-(1 << 62)] * len(chain)
-        self.waiting = 0
+        self._anew_ns = [-(1 << 62)] * len(chain)  # when it began anew with others
+        self._unheard = [(0, 0)] * len(chain)  # since when: classifier's time, stamp
+        self.waiting = self.unheard = 0
         self.unsettled = False
         self._newly_gone: list[int] = []
         self._cut = len(chain)  # the first servo behind a break; the chain's length if none
@@ -97,11 +107,20 @@ class Reach:
         answered_ns = self._answered_ns
         for position in positions:
             answered_ns[position] = max(answered_ns[position], at_ns)
+            if self.unheard:
+                self.unheard &= ~(1 << position)
+
+    def asked(self, position: int, now_ns: int, stamp: int) -> None:
+        """A servo was asked, and no intact answer came, whoever is to blame."""
+        if not self.unheard >> position & 1:
+            self.unheard |= 1 << position
+            self._unheard[position] = now_ns, stamp
 
     def answered(self, position: int, now_ns: int) -> None:
         """A servo has answered."""
         servo = self._servos[position]
         self._answered_ns[position] = now_ns
+        self.unheard &= ~(1 << position)
         if not servo.misses:
             return
         if not servo.gone:
@@ -111,13 +130,11 @@ class Reach:
         elif position >= self._cut:
             # The cable is connected again, or never was the cause: all behind it begin anew.
             self._come_back(self._cut, self._cut, now_ns - servo.missed_ns)
-            for other in range(self._cut, len(self._servos)):
-                self._clear(other)
+            self._begin_anew(range(self._cut, len(self._servos)), now_ns)
             self._cut = len(self._servos)
         elif fed := self._fed_together(servo.missed_ns):
             self._come_back(fed, fed, now_ns - servo.missed_ns)
-            for other in range(fed):
-                self._clear(other)
+            self._begin_anew(range(fed), now_ns)
         else:
             servo.back += 1
             if servo.back >= BACK_ANSWERS:
@@ -180,6 +197,12 @@ class Reach:
         servo.gone = False
         self.waiting &= ~(1 << position)
 
+    def _begin_anew(self, positions: Iterable[int], now_ns: int) -> None:
+        """One of those with a common cause is back."""
+        for position in positions:
+            self._clear(position)
+            self._anew_ns[position] = now_ns
+
     def missed(self, position: int, now_ns: int, stamp: int, chance: float) -> None:
         """A servo had its turn and was not heard.
 
@@ -189,6 +212,7 @@ class Reach:
             stamp: Of the transaction.
             chance: Share of such answers that are lost at present, of whatever cause.
         """
+        self.asked(position, now_ns, stamp)
         servo = self._servos[position]
         servo.back = 0
         if not servo.misses:
@@ -200,7 +224,7 @@ class Reach:
 
     def findings(self, now_ns: int, *, jammed: bool) -> list[Finding]:
         """What the servos that are gone have in common; ``jammed`` by a permanent jammer."""
-        if not self.waiting:
+        if not (self.waiting or self.unheard):
             self.unsettled = False
             return []
         servos = self._servos
@@ -226,25 +250,36 @@ class Reach:
                 self.unsettled = True
         self._cut = head if cut_off else len(servos)
         gone = [place for place in range(head) if servos[place].gone]
-        passed = [place for place in gone if self._is_passed(place)]
-        findings = [self._silent(place) for place in passed]
-        self.unsettled |= len(passed) < len(gone)
+        named = [place for place in gone if self._is_passed(place)]
+        findings = [self._silent(place) for place in named]
+        self.unsettled |= len(named) < len(gone)
         if cut_off:
             unasked = sum(not servo.misses for servo in behind)
             # The one before may turn out to be missing, too.
             open_ends = unasked or (head and servos[head - 1].misses and not servos[head - 1].gone)
             if not open_ends or now_ns - behind[0].missed_ns >= RESOLVE_NS:
                 findings.append(self._cut_off(head, unasked))
+                named += range(head, len(servos))
             else:
                 self.unsettled = True
-        return findings
+        return findings + [
+            self._without_reason(place)
+            for place in range(len(servos))
+            if place not in named and self._is_unheard(place, now_ns)
+        ]
+
+    def _is_unheard(self, place: int, now_ns: int) -> bool:
+        if not self.unheard >> place & 1 or now_ns - self._anew_ns[place] < START_NS:
+            return False
+        return now_ns - self._unheard[place][0] >= UNHEARD_NS
 
     def _is_passed(self, place: int) -> bool:
         """Whether a servo behind this one has answered since it fell silent."""
         return max(self._answered_ns[place + 1 :], default=0) > self._servos[place].missed_ns
 
     def _is_missing(self, place: int, now_ns: int) -> bool:
-        return self._servos[place].gone or now_ns - self._answered_ns[place] >= GONE_NS
+        latest_ns = max(self._answered_ns[place], self._anew_ns[place])
+        return self._servos[place].gone or now_ns - latest_ns >= GONE_NS
 
     def _silent(self, place: int) -> Finding:
         servo = self._servos[place]
@@ -260,6 +295,19 @@ class Reach:
             f"no answer to {servo.misses} requests in a row, while servos behind it answer",
             {"misses": servo.misses},
             suspects,
+        )
+
+    def _without_reason(self, place: int) -> Finding:
+        _, stamp = self._unheard[place]
+        misses = self._servos[place].misses
+        return Finding(
+            "servo_unheard",
+            self._chain.servo(place),
+            1.0,
+            stamp,
+            f"it was asked for {UNHEARD_NS / 1e9:.0f} s without an intact answer"
+            + (f", {misses} times in vain by itself" if misses else ""),
+            {"misses": misses},
         )
 
     def _cut_off(self, head: int, unasked: int) -> Finding:

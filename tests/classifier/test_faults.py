@@ -174,3 +174,20 @@ def test_a_cable_that_was_off_once_and_is_put_back_is_no_loose_contact(seed: int
     rig.bus.heal()
     assert {report.code for report in rig.run(12.0)} == {"cable_break"}
     assert rig.active() == []
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_silent_servo_where_most_answers_are_lost_never_leaves_the_bus_healthy(seed: int) -> None:
+    rig = Rig(chain(SERVOS), seed)
+    rig.run(2.0)
+    rig.inject("loss", None, 0.7)
+    rig.inject("silent", 4)
+    rig.run(1.2)
+    blamed_s = rig.seconds
+    for _ in range(1000):
+        rig.run(0.01)
+        blamed = [code for code, _ in rig.active() if FAULT_CODES[code].severity == "fault"]
+        if blamed:
+            blamed_s = rig.seconds
+        # Health holds a fault for so long after it is over; the classifier looks every 50 ms.
+        assert rig.seconds - blamed_s <= FAULT_CODES["cable_break"].heal_s + 0.05

@@ -71,3 +71,28 @@ def test_time_alone_changes_nothing_once_all_is_told() -> None:
     findings = followed.findings(600 * MS, jammed=False)
     assert [finding.code for finding in findings] == ["servo_silent"]
     assert not followed.unsettled
+
+
+def test_who_is_not_heard_for_a_second_is_told_however_weak_the_evidence() -> None:
+    followed = reach("adapter")
+    almost_all_lost = 0.95
+    for now_ms in range(100, 1200, 100):
+        followed.missed(1, now_ms * MS, now_ms, almost_all_lost)
+        followed.asked(4, now_ms * MS, now_ms)  # damaged, or without a turn
+        followed.heard((0, 2, 3, 5), now_ms * MS)
+        told = followed.findings(now_ms * MS, jammed=False)
+        assert bool(told) == (now_ms >= 1100), now_ms
+    assert [(finding.code, finding.component) for finding in told] == [
+        ("servo_unheard", "bus/main/servo/2"),
+        ("servo_unheard", "bus/main/servo/5"),
+    ]
+    followed.heard((4,), 1200 * MS)
+    followed.answered(1, 1200 * MS)
+    assert followed.findings(1200 * MS, jammed=False) == []
+
+
+def test_a_servo_whose_silence_has_a_name_is_not_told_twice() -> None:
+    for silent, code in ((range(2, 3), "servo_silent"), (range(3, 6), "cable_break")):
+        followed = reach("adapter")
+        interrupted(followed, silent, asked=range(6), lasted_ms=3000)
+        assert [f.code for f in followed.findings(3000 * MS, jammed=False)] == [code]
