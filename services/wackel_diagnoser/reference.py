@@ -6,7 +6,7 @@ rolling, and the one that the measurements follow best is used.
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,8 +34,7 @@ FASTEST = 20.0
 _MOST_WAITING = 64
 
 
-@dataclass(frozen=True)
-class Target:
+class Target(NamedTuple):
     """What the wheels should have done in a step; NaN where it is not known.
 
     Attributes:
@@ -85,12 +84,14 @@ class Reference:
         self._goal = np.zeros(n + len(drive.roll_wheels))
         self._state = np.zeros((len(LAGS_S), len(self._goal)))
         self._known = False
+        self._turn_half_round(np.zeros(n))
         self._envelope = np.zeros(n)
+        # Which of the state are headings, which speeds.
+        self._kinds = np.repeat(np.eye(2), (n, len(drive.roll_wheels)), axis=0)
         self._misses = np.zeros((2, len(LAGS_S)))
         self._chosen = [3, 3]
         self._since_choice = 0.0
         self._steering_rate = LEAST_STEERING_RATE
-        self._factors: tuple[float, Floats, Floats] = (0.0, LAGS_S, LAGS_S)
         self._unknown = Target(
             np.full(drive.n, np.nan),
             np.zeros(drive.n),
@@ -140,40 +141,38 @@ class Reference:
         if not self._known:
             self._start(step)
         dt, n = step.seconds, self._n
-        if dt != self._factors[0]:
-            reached = -np.expm1(-dt / LAGS_S)
-            self._factors = dt, reached, 1.0 - reached * LAGS_S / dt
-        _, reached, mean = self._factors
+        reached = -np.expm1(-dt / LAGS_S)
         state = self._state
         # The measured heading may be that of the same wheel turned half round and rolling back.
-        halves = np.round((step.heading - state[self._chosen[0], :n]) * (1 / math.pi))
-        if not math.isfinite(float(halves.sum())):
-            halves[~np.isfinite(halves)] = 0.0
+        halves = np.rint((step.heading - state[self._chosen[0], :n]) * (1 / math.pi))
+        if halves.tolist() != self._halves:  # hardly ever, or what is not known
+            self._turn_half_round(halves)
+        half_turns, sign = self._half_turns, self._sign
         gap = self._goal - state
         moved = reached * gap
-        middle = mean * gap
+        middle = (1.0 - reached * LAGS_S / dt) * gap
         most = self._steering_rate * dt
         turned = moved[:, :n]
-        if max(float(turned.max(initial=0.0)), -float(turned.min(initial=0.0))) > most:
+        angles = turned.ravel().tolist()
+        if max(angles) > most or min(angles) < -most:
             # One that turns as fast as it can is half way in the middle of a step.
             limited = np.minimum(np.maximum(turned, -most), most)
             middle[:, :n] = np.where(limited == turned, middle[:, :n], 0.5 * limited)
             moved[:, :n] = limited
         middle += state
         state += moved
-        sign = 1.0 - 2.0 * (halves[self._roll_wheels] % 2.0)
         if learnt_s:
-            self._learn(step, learnt_s, halves, sign, middle)
+            self._learn(step, learnt_s, middle)
         steering, rolling = self._chosen
         envelope = np.abs(gap[steering, :n])
         self._envelope *= math.exp(-dt / SETTLING_S)
         self._envelope = np.maximum(envelope, self._envelope)
         return Target(
-            middle[steering, :n] + halves * math.pi,
+            middle[steering, :n] + half_turns,
             self._envelope,
             sign * middle[rolling, n:],
             gap[rolling, n:],
-            self._goal[:n] + halves * math.pi,
+            self._goal[:n] + half_turns,
             current[1],
         )
 
@@ -209,24 +208,30 @@ class Reference:
         self._state[:] = np.concatenate([heading, self._goal[self._n :]])
         self._known = True
 
-    def _learn(
-        self, step: Step, learnt_s: float, halves: Floats, sign: Floats, middle: Floats
-    ) -> None:
+    def _turn_half_round(self, halves: Floats) -> None:
+        """Each wheel stands so many half turns from its reference, where it is known."""
+        halves = np.where(np.isfinite(halves), halves, 0.0)
+        self._halves: list[float] = halves.tolist()
+        self._half_turns = halves * math.pi
+        self._sign = 1.0 - 2.0 * (halves.take(self._roll_wheels) % 2.0)
+
+    def _learn(self, step: Step, learnt_s: float, middle: Floats) -> None:
         """Which lag the measurements follow, and how fast the steering can turn."""
         turned = float(np.abs(step.steered).max(initial=0.0))
         if turned > self._steering_rate * step.seconds:
             self._steering_rate = turned / step.seconds
         off = np.concatenate(
-            [
-                step.heading - halves * math.pi,
-                step.wheel_rate[self._roll_wheels] * self._radius * sign,
-            ]
+            (
+                step.heading - self._half_turns,
+                step.wheel_rate.take(self._roll_wheels) * self._radius * self._sign,
+            )
         )
         off = off - middle
         squares = np.minimum(off * off, 0.01)
         self._misses *= 1.0 - learnt_s / MEMORY_S
-        if math.isfinite(float(squares.sum())):
-            self._misses += np.stack([squares[:, : self._n].sum(1), squares[:, self._n :].sum(1)])
+        added = squares @ self._kinds
+        if math.isfinite(float(added.sum())):
+            self._misses += added.T
         self._since_choice += learnt_s
         if self._since_choice >= CHOOSE_S:
             self._since_choice = 0.0
