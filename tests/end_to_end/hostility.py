@@ -206,6 +206,13 @@ def _sound_faults() -> Iterator[dict[str, Any]]:
     }
 
 
+def _inputs() -> Iterator[dict[str, Any]]:
+    stream = {"key": "bus/main/state", "boot": STRANGER, "seq": 2**63 - 1}
+    yield {"streams": [], "order": [0, -1, 2**63 - 1]}
+    yield {"streams": [stream] * 1000, "order": [*range(1000)] * 20}
+    yield {"streams": [stream | {"key": "\x1b[2J" * 100, "seq": -1}], "order": [0]}
+
+
 _BODIES = {
     "bus/{bus}/transaction": _transactions,
     "bus/{bus}/state": _states,
@@ -219,6 +226,7 @@ _BODIES = {
     "fault/{source}": _faults,
     "health": _healths,
     "alive/{service}/{instance}": _beats,
+    "inputs/{service}/{instance}": _inputs,
 }
 _SOUND = {
     "bus/{bus}/transaction": _sound_transactions,

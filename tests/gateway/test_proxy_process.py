@@ -39,6 +39,12 @@ class Control:
     def ping(self, servo_id: int = 1) -> bool:
         return bool(self.packets.ping(self.port, servo_id)[1] == sdk.COMM_SUCCESS)
 
+    def answered(self) -> bool:
+        """Whether a ping is: one of three, since the library gives up after 34 ms, in which a busy
+        machine may run neither the servo nor the proxy.
+        """
+        return any(self.ping() for _ in range(3))
+
     def goes_on(self, pings: int = 20) -> bool:
         """Whether pings are answered; few may be late, since the test shares the machine."""
         return sum(self.ping() for _ in range(pings)) >= 0.8 * pings
@@ -104,12 +110,12 @@ def test_the_baud_rate_that_the_client_sets_is_set_on_the_real_port(
     gateway = start_gateway(proxied)
     gateway.wait_until(connected(gateway, proxied))
     with Control(proxied.proxy_port) as control:
-        assert control.ping()
+        assert control.answered()
         control.port.setBaudRate(57_600)
         assert not control.ping()  # no servo hears this rate
         gateway.wait_until(lambda: gateway.statistics[-1].baud_rate == 57_600)
         control.port.setBaudRate(1_000_000)
-        assert control.ping()
+        assert control.answered()
 
 
 def test_control_goes_on_while_the_gateway_is_stopped_killed_and_started_again(
@@ -118,7 +124,7 @@ def test_control_goes_on_while_the_gateway_is_stopped_killed_and_started_again(
     gateway = start_gateway(proxied)
     gateway.wait_until(connected(gateway, proxied))
     with Control(proxied.proxy_port) as control:
-        assert control.ping()
+        assert control.answered()
         os.kill(gateway.process.pid, signal.SIGSTOP)
         assert control.goes_on()
         os.kill(gateway.process.pid, signal.SIGKILL)
@@ -138,7 +144,7 @@ def test_a_client_outlives_the_adapter_and_goes_on_when_it_is_back(
     gateway = start_gateway(proxied)
     gateway.wait_until(connected(gateway, proxied))
     with Control(proxied.proxy_port) as control:
-        assert control.ping()
+        assert control.answered()
         bus.inject("unplugged")
         gateway.wait_until(lambda: any(f.status == "active" for f in gateway.faults))
         assert not control.ping()
@@ -179,5 +185,5 @@ def test_a_stopped_gateway_loses_records_and_says_how_many(
         # The socket between the two holds some hundred records, then forwarding goes on without.
         assert control.goes_on(pings=1000)
         os.kill(gateway.process.pid, signal.SIGCONT)
-        assert control.ping()
+        assert control.answered()
         gateway.wait_until(lambda: lost[-1] > 0)
