@@ -80,7 +80,12 @@ class Bank:
 
     def covariance(self) -> Floats:
         """Of the twist if nothing is wrong, from the last evaluation, shape (3, 3)."""
-        return np.asarray(np.linalg.inv(self._normal[:3, :3, 0]))
+        (a, b, c, _), (_, d, e, _), (_, _, f, _) = self._normal[:3, :, 0].tolist()
+        # By cofactors: LAPACK takes longer to be called than this.
+        p, q, r = d * f - e * e, c * e - b * f, b * e - c * d
+        s, t, u = a * f - c * c, b * c - a * e, a * d - b * b
+        cofactors = np.array(((p, q, r), (q, s, t), (r, t, u)))
+        return np.asarray(cofactors / (a * p + b * q + c * r))
 
     def right(self) -> Floats:
         """Hᵀ R⁻¹ z if nothing is wrong, from the last evaluation."""

@@ -2,7 +2,7 @@
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +23,7 @@ MOVED_RAD = 0.02
 MOST_STEPS = 300
 
 
-@dataclass(frozen=True)
-class Moment:
+class Moment(NamedTuple):
     """One step of all wheels.
 
     Attributes:

@@ -47,9 +47,11 @@ class Scaling:
             weight: Which of them say anything.
             seconds: For how long they stand.
         """
-        self._seconds += np.where(weight, seconds, 0.0)
+        heard = weight * seconds
+        self._seconds += heard
         np.minimum(self._seconds, MEMORY_S, out=self._seconds)
-        share = np.where(weight, seconds / self._seconds, 0.0)
         bounded = np.minimum(squares * squares, OUTLIER * self._fourth)
-        self._fourth += share * (bounded - self._fourth)
-        self.factors = np.clip(np.sqrt(self._fourth / 3.0), self._least, MOST)
+        bounded -= self._fourth
+        bounded *= heard / self._seconds
+        self._fourth += bounded
+        self.factors = np.minimum(np.maximum(np.sqrt(self._fourth / 3.0), self._least), MOST)

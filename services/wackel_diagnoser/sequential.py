@@ -58,6 +58,7 @@ class Sequential:
         self._same = np.array(same)
         self._members = [np.flatnonzero(self._same == i) for i in range(max(same) + 1)]
         self._limit = limit
+        self._highest = 0.0
         self._alarm_s = 0.0
         self.verdict = 0
         self.sums = np.zeros(len(prior))
@@ -66,20 +67,23 @@ class Sequential:
     @property
     def alarm(self) -> float:
         """The largest cumulative sum as a share of its limit."""
-        return float(self.sums.max()) / self._limit
+        return self._highest / self._limit
 
     def step(self, likelihood: Floats, seconds: float) -> None:
         """Takes in the log-likelihoods of a step."""
-        accepted = float(likelihood[self._members[self.verdict]].max())
-        evidence = INDEPENDENT * (likelihood - accepted)
+        sums, memory = self.sums, self.memory
+        told = INDEPENDENT * likelihood
+        evidence = told - _greatest(told[self._members[self.verdict]])
         np.minimum(evidence, BOUND, out=evidence)
-        self.sums += evidence
-        np.maximum(self.sums, 0.0, out=self.sums)
-        evidence = INDEPENDENT * (likelihood - likelihood.max())
-        self.memory *= math.exp(-seconds / MEMORY_S)
-        self.memory += np.maximum(evidence, -WORST)
-        np.maximum(self.memory, self.memory.max() - DEEPEST, out=self.memory)
-        self._alarm_s = self._alarm_s + seconds if self.sums.max() > self._limit else 0.0
+        sums += evidence
+        np.maximum(sums, 0.0, out=sums)
+        told -= _greatest(told)
+        np.maximum(told, -WORST, out=told)
+        memory *= math.exp(-seconds / MEMORY_S)
+        memory += told
+        np.maximum(memory, _greatest(memory) - DEEPEST, out=memory)
+        self._highest = _greatest(sums)
+        self._alarm_s = self._alarm_s + seconds if self._highest > self._limit else 0.0
 
     def posterior(self) -> Floats:
         """Probabilities of the hypotheses, as the last fractions of a second tell, shape (K,)."""
@@ -106,10 +110,15 @@ class Sequential:
         """Takes an explanation to be true from now on."""
         self.verdict = explanation
         self.sums[:] = 0.0
-        self._alarm_s = 0.0
+        self._highest = self._alarm_s = 0.0
 
     def forget(self) -> None:
         """Time was started anew; the verdict stays."""
         self.sums[:] = 0.0
         self.memory[:] = 0.0
-        self._alarm_s = 0.0
+        self._highest = self._alarm_s = 0.0
+
+
+def _greatest(values: Floats) -> float:
+    """As ``max``, in half the time."""
+    return float(values[values.argmax()])

@@ -58,11 +58,14 @@ class PaperSteps:
         steers = layout.drive.steers
         drives = drive_signatures(self._candidates)
         steerings = steering_signatures(self._candidates)
-        self._suspects: list[tuple[str, Bools]] = [
+        suspects = [
             *((component.wheel_drive(names[i]), drives[i]) for i in range(len(names))),
             *((component.wheel_steering(names[i]), steerings[i]) for i in np.flatnonzero(steers)),
         ]
-        self._suspects = [each for each in self._suspects if each[1].any()]
+        suspects = [each for each in suspects if each[1].any()]
+        self._suspects = [path for path, _ in suspects]
+        signatures = np.array([signature for _, signature in suspects], dtype=np.bool_)
+        self._signatures: Bools = signatures.reshape(len(suspects), len(drives[0]))
         self._tolerance = np.array([SPEED, SPEED, SPEED / layout.drive.length_m])
         self.labels = self._candidates.labels
 
@@ -155,11 +158,9 @@ class PaperSteps:
 
     def _match(self, off: Bools, left: Bools) -> list[str]:
         """Components whose signature the candidates show."""
-        return [
-            path
-            for path, signature in self._suspects
-            if (signature & left).any() and (off == (signature & left)).all()
-        ]
+        shown = self._signatures & left
+        same = shown.any(axis=1) & (shown == off).all(axis=1)
+        return [self._suspects[i] for i in same.nonzero()[0]]
 
     def _consistent(self, twists: Floats, left: Bools) -> tuple[list[str] | None, Floats | None]:
         """Step III: components without which all agree, while every candidate with them does not.
@@ -167,23 +168,15 @@ class PaperSteps:
         Of several, those that leave the largest set that agrees.
         """
         differs = self._apart(twists[:, None], twists[None, :])
-        best: list[str] = []
-        most, consensus = 1, None
-        for path, signature in self._suspects:
-            without, with_it = left & ~signature, left & signature
-            size = int(without.sum())
-            if size < max(2, most) or not with_it.any():
-                continue
-            if differs[np.ix_(without, without)].any():
-                continue
-            if not differs[np.ix_(with_it, without)].all():
-                continue
-            if size > most:
-                best = []
-            best.append(path)
-            most, consensus = size, twists[without].mean(axis=0)
-        if best:
-            return best, consensus
+        without, with_it = left & ~self._signatures, left & self._signatures
+        # How many of those without differ from each candidate, and how many there are.
+        differing, sizes = without @ differs.astype(float), without.sum(axis=1)
+        possible = (sizes >= 2) & with_it.any(axis=1)
+        possible &= ~(without & (differing > 0)).any(axis=1)
+        possible &= ~(with_it & (differing < sizes[:, None])).any(axis=1)
+        if possible.any():
+            best = (possible & (sizes == sizes[possible].max())).nonzero()[0]
+            return [self._suspects[i] for i in best], twists[without[best[-1]]].mean(axis=0)
         agree = left.any() and not differs[np.ix_(left, left)].any()
         return (None, twists[left].mean(axis=0)) if agree else ([], None)
 
