@@ -88,7 +88,7 @@ class Diagnoser:
         self._sequential = Sequential(hypotheses.prior, hypotheses.explanation, limit)
         self._bias = GyroBias(list(gyros.values()))
         self._efforts = Efforts(layout)
-        self._references = ReferenceErrors(layout, config, rows)
+        self._references = ReferenceErrors(layout, rows)
         self._paper = PaperSteps(layout)
         self._history = History()
         self._reports = Reports()
@@ -169,7 +169,8 @@ class Diagnoser:
         self._history.add(Moment(step.end, step.heading, measured.z[rows.rolls], target))
         if learning:
             self._learn(measured, variance, learnt_s, moving)
-            self._references.step(measured, learnt_s)
+        if not young and self._references.step(step, target, measured):
+            self._correct()
         changed = self._judge(step, target, (measured, variance, efforts), likelihood)
         self._watch_torque(step.seconds)
         suspected = (
@@ -209,6 +210,17 @@ class Diagnoser:
             self._manoeuvre.learn(squares * self._manoeuvre.factors, seen & loose, seconds)
         g = rows.gyros
         self._bias.learn(off[g] / left[g], variance[g] / left[g], seen[g], seconds, moving)
+
+    def _correct(self) -> None:
+        """The zero of a steering is wrong, or right again: what was concluded before is void."""
+        reference = self._references.found
+        zeros = np.zeros(self._layout.drive.n)
+        if reference is not None:
+            zeros[reference.wheel] = reference.angle
+        self._rows.correct(zeros)
+        self._sequential.forget()
+        self._sequential.accept(0)
+        self._kind_test, self._kind = None, ""
 
     def _judge(
         self,
@@ -330,14 +342,14 @@ class Diagnoser:
                 found.append(single)
         reference = self._references.found
         if reference is not None:
-            angle = f"{math.degrees(reference.angle):+.1f}°"
+            angle = f"{math.degrees(reference.angle):+.0f}°"
             found.append(
                 Finding(
                     "steering_reference",
                     component.wheel_steering(self._layout.names[reference.wheel]),
-                    f"gyro and wheels agree on the yaw rate if it stands {angle} off",
+                    f"the robot moves as it would if this stood {angle} off",
                     now,
-                    {"angle_rad": reference.angle, "sigma_rad": reference.sigma},
+                    {"angle_rad": reference.angle, "log_likelihood_ratio": reference.sure},
                     {"angle": angle},
                 )
             )

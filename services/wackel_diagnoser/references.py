@@ -1,10 +1,11 @@
 """Steering whose zero is wrong: the one fault that no reading shows.
 
-A wheel that points elsewhere than it says drags the whole robot aside: least squares over all rows
-gives δω = (a · c_i) (j_i · ξ) δ_i for an error δ_i of the steering of wheel i, where a is the last
-row of (Σ cᵀc + jᵀj)⁻¹, a constant. Errors of radii act alike. Only the gyro shows it, so all errors
-are estimated together from the yaw rates of gyro and wheels, with the errors of calibration as
-prior; an error far beyond its prior is a fault if no other explains the yaw rates as well.
+A wheel that points elsewhere than it says fights all others. They slip a little, their drives give
+way, and the robot turns otherwise than its wheels say, in a way that depends on the motion. So the
+motion is predicted (:mod:`wackel_diagnoser.forced`) for a right zero and for errors of several
+sizes of each wheel, and compared with what the gyro and the rolling wheels show. Evidence gathers
+over many headings; an error is named once it explains them far better than calibration does, and
+better than that of any other wheel.
 """
 
 import math
@@ -12,30 +13,52 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wackel_diagnoser.forced import ForcedMotion
+from wackel_diagnoser.reference import Target
 from wackel_diagnoser.rows import Measured, Rows
+from wackel_diagnoser.scaling import Scaling
+from wackel_diagnoser.sequential import threshold
+from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
-from wackel_node.config_drive import DriveConfig
 
 BLOCK_S = 0.1
-"""Yaw rates are compared as means over this: encoder steps and misaligned stamps cancel."""
-MEMORY_S = 30.0
-"""Some turns in both directions."""
-LOOK_S = 0.5
-AT_FIRST_S = 15.0
-"""Before so much driving the gyro's bias and a wrong zero are not told apart."""
-LEAST_RAD = math.radians(3.0)
-"""Smaller errors are calibration."""
-WIDE_RAD = 0.3
-"""By how much a zero may be wrong."""
-SURE = 14.0
-"""Logarithm of how much better it explains the yaw rates than calibration does: once in 100 h by
-chance, if the memory is new every 30 s and there are 8 wheels."""
-CLEAR = 6.0
-"""And by how much it must be better than for any other wheel."""
-NOISE = 0.01
-"""rad/s by which the yaw rates of gyro and wheels differ in a block in fault-free driving."""
-INDEPENDENT = 0.25
-"""Share of a block that is new: they differ by the same for some tenths of a second."""
+"""Motions are compared as means over this: encoder steps and the lag of drives cancel."""
+LEAST_STEPS = 2
+"""In a block, to know the acceleration."""
+SIZES = np.radians((-13.0, -9.0, -5.5, 5.5, 9.0, 13.0))
+"""Errors that are compared. Below 3° a right zero explains the motion better than the smallest of
+them: that is calibration."""
+TURNING_RAD_S = 3.0
+"""While wheels turn faster, they slip for other reasons."""
+FOLLOWS_SHARE = 0.25
+FOLLOWS_M_S = 0.05
+FOLLOWS_RAD = 0.1
+"""A wheel that does not do what it is told has another fault."""
+YAW = 0.006
+YAW_SHARE = 0.01
+"""rad/s, and share of speed by length, by which predicted yaw rates miss a sound robot's."""
+ROLL_M_S = 0.003
+ROLL_SHARE = 0.005
+"""The same of rolling speeds."""
+WORST = 20.0
+"""How much larger the variance of that may be, as driving shows: more is no calibration."""
+BOUND = 9.0
+"""Of the square of a normalised miss."""
+MOST_TOLD = 1.5
+"""Evidence of one block at most: a second of driving, in several directions, is the least that
+convicts."""
+INDEPENDENT = 0.3
+"""Share of a block that is new: robots do the same for some tenths of a second."""
+CLEAR = 5.0
+"""Logarithm of how much likelier it is than an error of any other wheel."""
+SUSPECTED = 3.0
+"""The same against none at all, from which on nothing is learnt."""
+MEMORY_S = 20.0
+"""Of driving: calibration that fits an error a little shall not convict in an hour."""
+MARGIN = 1.4
+"""Of the limit: on stiff tyres, which do not creep, calibration pulls as hard as a wrong zero."""
+MOST = 2.0
+"""Evidence by what is needed, beyond which no more is gathered, so that it can heal."""
 
 
 @dataclass(frozen=True)
@@ -45,101 +68,121 @@ class WrongZero:
     Attributes:
         wheel: Number.
         angle: rad to the left.
-        sigma: Standard deviation.
         sure: Logarithm of the likelihood ratio.
     """
 
     wheel: int
     angle: float
-    sigma: float
     sure: float
 
 
 class ReferenceErrors:
-    """Estimates them.
+    """Looks for them.
 
     Args:
         layout: The drive.
-        config: The same, as configured.
         rows: How its measurements are numbered.
 
     Attributes:
         found: The zero that is known to be wrong.
+        suspected: Whether one explains the motion better than none does.
     """
 
-    def __init__(self, layout: Layout, config: DriveConfig, rows: Rows) -> None:
+    def __init__(self, layout: Layout, rows: Rows) -> None:
         drive = layout.drive
-        slides, rolls = drive.slide_wheels, drive.roll_wheels
+        n = drive.n
         self._rows = rows
-        self._possible = len(slides) == len(rolls) == drive.n and bool(drive.steers.all())
-        self._n = n = drive.n
-        constraints = drive.rows(drive.steering(np.zeros(n)))
-        normal = constraints.T @ constraints
-        self._yaw = np.linalg.inv(normal + 1e-9 * np.eye(3))[2]
-        sigma = np.concatenate(
-            [np.full(n, config.steering_error), np.full(n, config.radius_error), [0.02]]
+        self._possible = len(drive.slide_wheels) == len(drive.roll_wheels) == n and bool(
+            drive.steers.all()
         )
-        self._prior = 1.0 / sigma**2
-        self._information = np.zeros((2 * n + 1, 2 * n + 1))
-        self._right = np.zeros(2 * n + 1)
-        self._open = np.zeros(2 * n + 2)
-        self._open_s = 0.0
-        self._since_look = 0.0
-        self._driven_s = 0.0
+        self._to_beta = math.pi / 2 - drive.alpha
+        self._length_m = drive.length_m
+        self._motion = ForcedMotion(drive)
+        cases = np.zeros((1 + n * len(SIZES), n))
+        for wheel in range(n):
+            first = 1 + wheel * len(SIZES)
+            cases[first : first + len(SIZES), wheel] = SIZES
+        self._cases = cases
+        self._scaling = Scaling(1 + n, first=3.0, least=1.0)
+        self._evidence = np.zeros((n, len(SIZES)))
+        self._limit = MARGIN * threshold(n * len(SIZES), 1 / BLOCK_S)
+        self._steps: list[tuple[Step, Target, Measured]] = []
+        self._seconds = 0.0
         self.found: WrongZero | None = None
 
-    def step(self, measured: Measured, seconds: float) -> None:
-        """Takes in rows in which nothing else is suspected, and for how long they stand."""
-        gyros = measured.z[self._rows.gyros]
-        # While wheels turn they slip, which looks like any of them standing off.
-        where = self._rows.gyros
-        calm = bool((measured.loose[where] < measured.base[where]).all())
-        if not (self._possible and len(gyros) and calm and bool(measured.present.all())):
-            self._open[:] = 0.0
-            self._open_s = 0.0
-            return
-        n = self._n
-        seen = measured.h[: 2 * n] @ self._yaw
-        rolled = measured.z[self._rows.rolls]
-        block = self._open
-        block[:n] += seconds * seen[:n] * rolled
-        block[n : 2 * n] += seconds * seen[n:] * rolled
-        block[2 * n] += seconds * float(seen[n:] @ rolled)
-        block[2 * n + 1] += seconds * (float(gyros.mean()) - float(seen[n:] @ rolled))
-        self._open_s += seconds
-        self._since_look += seconds
-        self._driven_s += seconds
-        if self._open_s >= BLOCK_S:
-            mean = block / self._open_s
-            row, off = mean[:-1], float(mean[-1])
-            fade = math.exp(-self._open_s / MEMORY_S)
-            share = INDEPENDENT * self._open_s / BLOCK_S / NOISE**2
-            self._information = fade * self._information + share * np.outer(row, row)
-            self._right = fade * self._right + share * off * row
-            block[:] = 0.0
-            self._open_s = 0.0
-        if self._since_look >= LOOK_S and self._driven_s >= AT_FIRST_S:
-            self._since_look = 0.0
-            self.found = self._look()
+    @property
+    def suspected(self) -> bool:
+        """See above."""
+        return bool(self._evidence.max() > SUSPECTED)
+
+    def step(self, step: Step, target: Target, measured: Measured) -> bool:
+        """Takes in a step; says whether what is known to be wrong has changed."""
+        if not self._possible:
+            return False
+        self._steps.append((step, target, measured))
+        self._seconds += step.seconds
+        if self._seconds < BLOCK_S or len(self._steps) < LEAST_STEPS:
+            return False
+        block, seconds = self._steps, self._seconds
+        self._steps, self._seconds = [], 0.0
+        if not self._compare(block, seconds):
+            return False
+        before, self.found = self.found, self._look()
+        return (before is None) != (self.found is None) or (
+            before is not None and self.found is not None and before.wheel != self.found.wheel
+        )
+
+    def _compare(self, block: list[tuple[Step, Target, Measured]], seconds: float) -> bool:
+        """Gathers the evidence of a block; says whether there was any."""
+        rows = self._rows
+        heading = np.array([step.heading for step, _, _ in block])
+        aim = np.array([target.heading for _, target, _ in block])
+        speed = np.array([target.speed for _, target, _ in block])
+        steered = np.array([step.steered for step, _, _ in block])
+        z = np.array([measured.z for _, _, measured in block])
+        rolled, gyros = z[:, rows.rolls], z[:, rows.gyros]
+        if not gyros.size or not all(bool(measured.present.all()) for _, _, measured in block):
+            return False
+        off = np.abs(rolled - speed) - FOLLOWS_SHARE * np.abs(speed)
+        if not (
+            off.max() < FOLLOWS_M_S
+            and np.abs(heading - aim).max() < FOLLOWS_RAD
+            and np.abs(steered).max() < TURNING_RAD_S * seconds / len(block)
+        ):
+            return False
+        twist, now = block[0][1].twist, block[-1][1].twist
+        vx, vy, omega = (0.5 * (twist + now)).tolist()
+        change = (now - twist) / (seconds * (len(block) - 1) / len(block))
+        acceleration = change + np.array([-omega * vy, omega * vx, 0.0])
+        steering = heading.mean(axis=0) + self._to_beta + self._cases
+        yaw, predicted = self._motion.predict(steering, speed.mean(axis=0), acceleration)
+        fast = float(np.abs(speed).max())
+        misses = np.column_stack([yaw - gyros.mean(), predicted - rolled.mean(axis=0)])
+        base = np.full(misses.shape[1], ROLL_M_S**2 + (ROLL_SHARE * fast) ** 2)
+        base[0] = YAW**2 + (YAW_SHARE * fast / self._length_m) ** 2
+        squares = misses * misses / base
+        if not self.suspected:
+            present = np.ones(len(base), dtype=np.bool_)
+            self._scaling.learn(squares[0], present, seconds)
+        squares /= np.minimum(self._scaling.factors, WORST)
+        costs = np.minimum(squares, BOUND).sum(axis=1)
+        evidence = self._evidence
+        told = 0.5 * INDEPENDENT * (costs[0] - costs[1:])
+        evidence *= 1.0 - seconds / MEMORY_S
+        evidence += np.minimum(told, MOST_TOLD).reshape(evidence.shape)
+        evidence -= max(0.0, float(evidence.max()) - MOST * self._limit)
+        np.maximum(evidence, 0.0, out=evidence)
+        return True
 
     def _look(self) -> WrongZero | None:
-        """The error that explains most beyond calibration, if it is sure and clear."""
-        n = self._n
-        covariance = np.linalg.inv(self._information + np.diag(self._prior))
-        estimate = covariance @ self._right
-        less = self._prior[:n] - 1 / WIDE_RAD**2
-        own = covariance.diagonal()[:n]
-        # A wide prior for one of them: a rank-one change.
-        left = 1.0 - less * own
-        sure = 0.5 * (less * estimate[:n] ** 2 / left + np.log(1 / WIDE_RAD**2 / self._prior[:n]))
-        sure -= 0.5 * np.log(left)
-        best = int(sure.argmax())
-        angle = float(estimate[best] / left[best])
-        sigma = math.sqrt(float(own[best] / left[best]))
-        others = np.delete(sure, best).max()
-        known = self.found is not None and self.found.wheel == best
-        enough = SURE / 2 if known else SURE
-        clear = CLEAR / 2 if known else CLEAR
-        if abs(angle) < LEAST_RAD or sure[best] < enough or sure[best] - others < clear:
+        """The error that explains most, if it is sure and clear."""
+        evidence = self._evidence
+        sure = evidence.max(axis=1)
+        wheel = int(sure.argmax())
+        known = self.found is not None and self.found.wheel == wheel
+        share = 0.5 if known else 1.0
+        if sure[wheel] < share * self._limit:
             return None
-        return WrongZero(best, angle, sigma, float(sure[best]))
+        if sure[wheel] - np.delete(sure, wheel).max() < share * CLEAR:
+            return None
+        return WrongZero(wheel, float(SIZES[evidence[wheel].argmax()]), float(sure[wheel]))
