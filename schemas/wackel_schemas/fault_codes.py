@@ -73,6 +73,14 @@ FAULT_CODES: dict[str, FaultCode] = {
         "fault",
         _CHAIN,
     ),
+    "duplicate_id": FaultCode(
+        "{component} is there twice: two servos with this id answer at once.",
+        "Unplug one of the two, give the other one an id of its own, and plug the first in again. "
+        "With only half of the chain plugged in, wackel scan shows in which half each of them is. "
+        "If there is only one, exchange it.",
+        "fault",
+        _CHAIN,
+    ),
     "loose_contact": FaultCode(
         "{component} has a loose contact: the connection comes and goes.",
         "Reseat both plugs of this cable and move it while watching the loss; exchange the cable "
@@ -444,6 +452,18 @@ EXPLAINS: dict[str, frozenset[str]] = {
         {"servo_silent", "servo_unheard", "packet_loss", "undervoltage", "low_supply"}
     ),
     "cable_break": frozenset({"servo_silent", "packet_loss"}),
+    "duplicate_id": frozenset(
+        {
+            "lost_signal",
+            "cable_break",
+            "servo_silent",
+            "servo_unheard",
+            "loose_contact",
+            "packet_loss",
+            "crc_errors",
+            "stray_data",
+        }
+    ),
     "loose_contact": frozenset({"packet_loss", "crc_errors", "stray_data"}),
     "permanent_jammer": frozenset(
         {"servo_unheard", "packet_loss", "crc_errors", "stray_data", "noise"}

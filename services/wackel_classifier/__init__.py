@@ -1,7 +1,7 @@
 """The bus fault classifier: from raw transactions of a servo bus to named faults.
 
 ``core`` takes one transaction after the other; ``symptoms`` says what a single one shows;
-``reach``, ``jammers``, ``loss``, ``loose_contact``, ``timing``, ``alerts``, ``supply`` and
-``frozen`` each look for one family of faults; ``findings`` turns what they find into reports.
-``service`` connects the core with the topics. Everything but ``service`` is without I/O and clock.
+``reach``, ``jammers``, ``duplicates``, ``loss``, ``loose_contact``, ``timing``, ``alerts``,
+``supply`` and ``frozen`` each look for one family of faults; ``findings`` turns what they find into
+reports. ``service`` connects the core with the topics. Everything but ``service`` is without I/O and clock.
 """

@@ -8,6 +8,7 @@ is the stamps of the transactions, so a recording gives the same reports as the 
 
 from wackel_classifier.alerts import CRC_ERROR, Alerts
 from wackel_classifier.chain import Chain
+from wackel_classifier.duplicates import Duplicates
 from wackel_classifier.explanations import explain
 from wackel_classifier.findings import Book
 from wackel_classifier.frozen import Frozen
@@ -70,6 +71,7 @@ class BusClassifier:
         self._supply = Supply(chain, config.nominal_voltage)
         self._frozen = Frozen(chain, models)
         self._strangers = Strangers(chain)
+        self._duplicates = Duplicates(chain)
         self._book = Book()
         self._stamp: int | None = None
         self._now_ns = 0
@@ -167,12 +169,12 @@ class BusClassifier:
             self._jammers.step(symptoms, stamp)
         news = bool(answers.unexpected) or before != self._jammers.findings()
         jammed = self._jammers.permanent is not None or symptoms.sign is Sign.SATURATED
-        missed, new = self._hear(request, symptoms, stamp, jammed=jammed)
+        missed, new, wrecked = self._hear(request, symptoms, stamp, jammed=jammed)
         news = news or new
         if jammed:
             self._jammed_ns = now_ns
             self._losses.reset()
-        self._foreign(transaction, request, answers, symptoms, jammed=jammed)
+        self._foreign(transaction, request, answers, symptoms, explained=jammed or wrecked)
         self._missed = missed or self._missed
         self._incomplete = bool(answers.missing)
         if not answers.clean or request.has_new_errors(data, self._alerts.alerting):
@@ -185,22 +187,25 @@ class BusClassifier:
 
     def _hear(
         self, request: Request, symptoms: Symptoms, stamp: int, *, jammed: bool
-    ) -> tuple[list[int], bool]:
+    ) -> tuple[list[int], bool, bool]:
         """Who was heard in a transaction and who was not.
 
         Returns:
-            Positions of those that were silent, and whether there is news of any servo.
+            Positions of those that were silent, whether there is news of any servo, and whether one
+            more answer of a servo has come as a wreck.
         """
-        now_ns, reach = self._now_ns, self._reach
+        now_ns, reach, duplicates = self._now_ns, self._reach, self._duplicates
         waiting = reach.waiting | self._losses.waiting
         heard: list[int] = []
         missed: list[int] = []
-        news = False
-        for place, outcome in enumerate(symptoms.outcomes):
+        news = wrecked = False
+        outcomes = symptoms.outcomes
+        for place, outcome in enumerate(outcomes):
             position = request.places[place]
             if position is None:
                 continue
             if outcome is Outcome.ANSWERED:
+                duplicates.intact(position, values=request.has_motion)
                 if waiting >> position & 1:
                     news = True
                     reach.heard(heard, now_ns)
@@ -208,7 +213,17 @@ class BusClassifier:
                 else:
                     heard.append(position)
                 continue
-            if outcome is Outcome.SILENT:
+            # Those that follow one that was not heard share its fate.
+            first = not place or outcomes[place - 1] is Outcome.ANSWERED
+            event, again = None, False
+            if first and not jammed and outcome is not Outcome.UNTESTED:
+                event = _event(position, place, symptoms)
+                if event.mark is Mark.QUIET:
+                    duplicates.silent(position)
+                elif event.mark is not Mark.TORN and not request.expectation.broadcast_ping:
+                    again = duplicates.wreck(position, stamp)
+                    wrecked = wrecked or again
+            if outcome is Outcome.SILENT and not again:
                 reach.missed(position, now_ns, stamp, self._chance(request))
                 missed.append(position)
             else:
@@ -216,15 +231,12 @@ class BusClassifier:
             if outcome is Outcome.UNTESTED:
                 continue
             news = True
-            # Those that follow one that was not heard share its fate.
-            first = not place or symptoms.outcomes[place - 1] is Outcome.ANSWERED
-            if first and not jammed:
-                event = _event(position, place, symptoms)
+            if event is not None and not again:
                 spoken = outcome is Outcome.LOST or event.mark is Mark.DAMAGED
                 self._losses.failed(event, stamp, spoken=spoken)
         reach.heard(heard, now_ns)
         self._losses.succeeded(heard)
-        return missed, news
+        return missed, news, wrecked
 
     def _error_bytes(self, request: Request, answers: Answers, stamp: int) -> None:
         alerting = self._alerts.alerting
@@ -260,9 +272,9 @@ class BusClassifier:
         answers: Answers,
         symptoms: Symptoms,
         *,
-        jammed: bool,
+        explained: bool,
     ) -> None:
-        """What nobody asked for."""
+        """What nobody asked for; ``explained`` if it is known who sends bytes of nobody."""
         stamp, now_ns = transaction.stamp, self._now_ns
         for status in answers.unexpected:
             position = self._chain.position.get(status.id)
@@ -278,7 +290,7 @@ class BusClassifier:
                 self._strangers.servo(status.id, now_ns, stamp)
         if any(isinstance(s.packet, InstructionPacket) for s in answers.segments or ()):
             self._strangers.master(now_ns, stamp)
-        if jammed or symptoms.rhythmic or answers.unexpected:
+        if explained or symptoms.rhythmic or answers.unexpected:
             return
         if symptoms.stray or symptoms.broken:
             self._strangers.unexplained(now_ns, stamp)
@@ -369,6 +381,7 @@ class BusClassifier:
         alerts = self._alerts
         findings += self._supply.findings(alerts.complaining(), alerts.undervoltage(), stamp)
         findings += self._frozen.findings(self._alerts)
+        findings += self._duplicates.findings()
         if findings:
             self._strangers.explained()
         findings += self._strangers.findings(now_ns)
@@ -377,6 +390,7 @@ class BusClassifier:
         reports = self._book.update(stamp, findings, transaction)
         self._conclude_ns = now_ns + CONCLUDE_NS
         self._attention = reach.waiting | reach.unheard | self._losses.waiting
+        self._attention |= self._duplicates.suspected
         if jammers.suspicious:
             self._attention |= 1 << len(self._chain)
         return reports

@@ -22,8 +22,9 @@ _ALSO = {
     "rhythmic_jammer": frozenset(("stray_data",)),
     # Answers that the adapter delivers when the host no longer waits look like any of these.
     "latency_timer": frozenset(
-        ("stray_data", "packet_loss", "loose_contact", "noise", "unexpected_servo")
+        ("stray_data", "packet_loss", "loose_contact", "noise", "unexpected_servo", "duplicate_id")
     ),
+    "duplicate_id": frozenset(("stray_data",)),
     "low_supply": frozenset(("undervoltage",)),
     "lost_signal": frozenset(("stray_data", "packet_loss")),
     "packet_loss": frozenset(("stray_data",)),  # two losses in one answer leave half packets
@@ -51,6 +52,8 @@ def _explains(cause: Finding, finding: Finding, chain: Chain, stamp: int) -> boo
         return True
     if code in _ALSO.get(cause.code, ()):
         return True
+    if cause.code == "duplicate_id" and code in EXPLAINS["duplicate_id"]:
+        return _concerns(finding, cause.component, chain)
     if cause.code == "loose_contact" and code in _GONE:
         # While the contact is open, and while servos restart after it, those behind it are gone.
         passing = stamp - finding.since < INTERRUPTED_NS
@@ -58,6 +61,17 @@ def _explains(cause: Finding, finding: Finding, chain: Chain, stamp: int) -> boo
     if cause.code == "contact_resistance" and code == "undervoltage":
         return finding.component in _supplied_through(cause.component, chain)
     return False
+
+
+def _concerns(finding: Finding, servo: str, chain: Chain) -> bool:
+    """Whether a finding blames a servo, or the cable that leads to it."""
+    if servo in (finding.component, *finding.suspects):
+        return True
+    return any(
+        finding.component == chain.cable(position)
+        for position in range(len(chain))
+        if chain.servo(position) == servo
+    )
 
 
 def _is_behind(finding: Finding, cable: str, chain: Chain) -> bool:

@@ -60,7 +60,7 @@ class Strangers:
                 known = servo_id in chain.position
                 findings.append(
                     Finding(
-                        "unexpected_servo",
+                        "duplicate_id" if known else "unexpected_servo",
                         component.servo(chain.bus, servo_id),
                         0.9,
                         seen.since,

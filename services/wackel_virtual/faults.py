@@ -77,6 +77,11 @@ KINDS: dict[str, Kind] = {
         0.01,
         15.0,
     ),
+    "duplicate_id": Kind(
+        "A second servo with the id of this one is beside it: both answer at once, and their bits "
+        "collide.",
+        "servo",
+    ),
     "silent": Kind("The servo hears and obeys, but never answers.", "servo"),
     "rhythmic_jammer": Kind(
         "A zero byte stands before the first and after every packet. A servo that is named as "
@@ -231,6 +236,7 @@ class Conditions:
         supply_volts: What it gives, if not its nominal voltage.
         servo_volts: Voltages that servos see regardless of the chain.
         extra_ohm: Contact resistances of cables.
+        doubled: Servos beside which there is another one with their id.
         silent: Servos that do not answer.
         rhythmic, permanent: Jammers; a position, or None for one that is no servo.
         bit_error_rate: Of the whole bus.
@@ -248,6 +254,7 @@ class Conditions:
     supply_volts: float | None = None
     servo_volts: dict[int, float] = field(default_factory=dict)
     extra_ohm: dict[int, float] = field(default_factory=dict)
+    doubled: set[int] = field(default_factory=set)
     silent: set[int] = field(default_factory=set)
     rhythmic: list[int | None] = field(default_factory=list)
     permanent: list[int | None] = field(default_factory=list)
@@ -308,6 +315,8 @@ def _concern_place(
         case "loose_contact" | "loose_contact_bursts":
             if contact_open:
                 result.open_cables.add(place)
+        case "duplicate_id":
+            result.doubled.add(place)
         case "silent":
             result.silent.add(place)
         case "rhythmic_jammer":

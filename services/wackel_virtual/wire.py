@@ -6,7 +6,7 @@ packet, at the moment its last bit has passed, so an answer of 20 servos costs 2
 Assumptions where the manual and the thesis are silent are named where they stand.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from heapq import heappop, heappush
@@ -28,6 +28,7 @@ from wackel_virtual import groups
 from wackel_virtual.adapter import Adapter
 from wackel_virtual.board import Board
 from wackel_virtual.chain import OPEN_OHM, Chain, voltages
+from wackel_virtual.collision import BITS, superposed
 from wackel_virtual.disturbance import BitErrors, JammerStream, jammed_share, zeros
 from wackel_virtual.faults import Conditions
 from wackel_virtual.framing import Framer, Heard
@@ -70,6 +71,7 @@ class _Group:
 class _Sending:
     """An answer on the wire, or about to be.
 
+    ``head`` is how it would begin if nothing disturbed it, by which a successor knows it.
     ``first`` and ``last`` bound the bytes that reach the adapter over a contact that opens or
     closes meanwhile; ``lost`` are stretches that a collision garbled.
     """
@@ -79,6 +81,7 @@ class _Sending:
     end_ns: int
     byte_ns: int
     data: bytes
+    head: bytes
     group: _Group | None
     reachable: bool | None = None
     first: int = 0
@@ -118,20 +121,14 @@ class Wire:
     ) -> None:
         self.ids = config.ids()
         self.now_ns = 0
+        self._config = config
+        self._seed = seed
         self._random = Random(f"{seed}/wire")
         self._latency_ms = latency_ms
         self._loss = loss
-        versions = firmware or {}
-        self.servos = [
-            Servo(
-                servo,
-                Random(f"{seed}/servo/{position}"),
-                baud_rate=config.baud_rate,
-                return_delay_us=config.return_delay_us,
-                firmware=versions.get(servo.id),
-            )
-            for position, servo in enumerate(config.servos)
-        ]
+        self._firmware = firmware or {}
+        self.servos = [self._new_servo(position, "servo") for position in range(len(self.ids))]
+        self._twins: dict[int, Servo] = {}  # by the position of the one with the same id
         self.boards = dict(boards or {})
         self._nominal_volts = config.nominal_voltage or min(
             (servo.recommended_volts for servo in self.servos), default=12.0
@@ -157,6 +154,17 @@ class Wire:
         self._host_end_ns = 0
         self._idle_ns = 0  # the host's receiver has had nothing to read since
         self._supply_power(0)
+
+    def _new_servo(self, position: int, role: str) -> Servo:
+        config = self._config
+        servo = config.servos[position]
+        return Servo(
+            servo,
+            Random(f"{self._seed}/{role}/{position}"),
+            baud_rate=config.baud_rate,
+            return_delay_us=config.return_delay_us,
+            firmware=self._firmware.get(servo.id),
+        )
 
     # What the host does and gets.
 
@@ -271,6 +279,10 @@ class Wire:
             self._adapter.clear()
         if conditions.permanent and not before.permanent:
             self._idle_ns = max(self._idle_ns, at_ns)
+        self._twins = {
+            position: self._twins.get(position) or self._new_servo(position, "twin")
+            for position in conditions.doubled
+        }
         for position, servo in enumerate(self.servos):
             servo.stick(position in conditions.frozen, at_ns)
             wrong = conditions.return_delay.get(position)
@@ -359,8 +371,14 @@ class Wire:
         broadcast = heard.packet is not None and heard.packet.id == BROADCAST_ID
         answering = heard.packet.id if heard.packet is not None and not broadcast else servo.id
         status = StatusPacket(answering, error, parameters).encode()
+        answers = [status]
+        twin = self._twins.get(self._positions[servo])
+        if twin is not None and heard.packet is not None:
+            answer = twin.execute(heard.packet, heard.end_ns)
+            if answer is not None:
+                answers.append(StatusPacket(answering, *answer).encode())
         start_ns = heard.end_ns + wait_ns + PROCESSING_NS + servo.return_delay_ns
-        self._send(servo, start_ns, _byte_ns(heard.baud_rate), status, None)
+        self._send(servo, start_ns, _byte_ns(heard.baud_rate), answers, None)
 
     def _begin_group(self, heard: Heard, packet: InstructionPacket, listening: list[Servo]) -> None:
         plan = groups.reads(packet)
@@ -378,25 +396,35 @@ class Wire:
         """The servo whose turn it is sends its part of the answer."""
         if servo.status_return_level < 1:
             return
+        if group.expectation.fast and not servo.knows_fast_read:
+            return
+        twin = self._twins.get(self._positions[servo])
+        answers = [self._part(one, group, at_ns) for one in (servo, twin) if one is not None]
+        if group.expectation.fast:
+            group.so_far += answers[0]
+        self._send(servo, start_ns, group.byte_ns, answers, group)
+
+    def _part(self, servo: Servo, group: _Group, at_ns: int) -> bytes:
+        """What a servo has to send when it is its turn."""
         expectation, turn = group.expectation, group.turn
         address, length = group.reads[turn]
         error, data = servo.read(address, length, at_ns)
         if not expectation.fast:
-            status = StatusPacket(servo.id, error, data).encode()
-            self._send(servo, start_ns, group.byte_ns, status, group)
-            return
-        if not servo.knows_fast_read:
-            return
+            return StatusPacket(servo.id, error, data).encode()
         block = b"" if turn else fast_prefix(expectation)
         # Blocks have a fixed place, so one that cannot be read is filled with zeros.
         block += bytes((error, servo.id)) + (data or bytes(length))
-        block += crc(group.so_far + block).to_bytes(2, "little")
-        group.so_far += block
-        self._send(servo, start_ns, group.byte_ns, block, group)
+        return block + crc(group.so_far + block).to_bytes(2, "little")
 
     def _send(
-        self, servo: Servo, start_ns: int, byte_ns: int, data: bytes, group: _Group | None
+        self,
+        servo: Servo,
+        start_ns: int,
+        byte_ns: int,
+        answers: Sequence[bytes],
+        group: _Group | None,
     ) -> None:
+        """A servo begins to answer; the second of ``answers`` is of another one with its id."""
         position, conditions = self._positions[servo], self._conditions
         if position in self._mute:
             return
@@ -405,8 +433,14 @@ class Wire:
             # A slow servo is not slow to the microsecond.
             start_ns += round(extra * (0.8 + 0.4 * self._random.random()))
         start_ns += int((2.0 * self._random.random() - 1.0) * JITTER_NS)
+        data = answers[0]
+        head = data[:PREFIX_BYTES]
+        if len(answers) > 1:
+            apart_ns = 2.0 * (self._random.random() - self._random.random()) * JITTER_NS
+            early, late = answers if apart_ns >= 0 else answers[::-1]
+            data = superposed(early, late, abs(apart_ns) * BITS / byte_ns)
         end_ns = start_ns + len(data) * byte_ns
-        sending = _Sending(servo, start_ns, end_ns, byte_ns, data, group)
+        sending = _Sending(servo, start_ns, end_ns, byte_ns, data, head, group)
         for other in self._air:
             if other.start_ns < end_ns and start_ns < other.end_ns and not other.cancelled:
                 first, last = max(start_ns, other.start_ns), min(end_ns, other.end_ns)
@@ -445,7 +479,7 @@ class Wire:
         # only says that it waits for it.
         if sending.group is None or not self._chain.powered[position]:
             return
-        if data[:PREFIX_BYTES] == sending.data[:PREFIX_BYTES]:
+        if data[:PREFIX_BYTES] == sending.head:
             self._pass_turn(at_ns, sending.group, position)
 
     def _pass_turn(self, at_ns: int, group: _Group, position: int) -> None:

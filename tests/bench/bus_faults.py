@@ -242,6 +242,7 @@ _NEAR = ("adapter", "both")
 KINDS: tuple[Kind, ...] = (
     Kind("cable break", _break),
     Kind("silent servo", _silent),
+    Kind("duplicate id", _of_servo("duplicate_id", "duplicate_id")),
     Kind("power off", _power_off),
     Kind("loose contact, scattered", _loose("loose_contact"), 20.0, 10.0, from_trace=True),
     Kind("loose contact, bursts", _loose("loose_contact_bursts"), 20.0, 10.0, from_trace=True),

@@ -23,6 +23,7 @@ def healthy(seed: int = 1, loss: float = 0.0005, **settings: object) -> Rig:
     [
         ("break", 5, None, "cable_break", "cable/4-5", 1.0),
         ("silent", 5, None, "servo_silent", "servo/5", 1.0),
+        ("duplicate_id", 5, None, "duplicate_id", "servo/5", 1.0),
         ("power_off", None, None, "lost_signal", "", 1.0),
         ("loose_contact", 5, 8.0, "loose_contact", "cable/4-5", 10.0),
         ("rhythmic_jammer", None, None, "rhythmic_jammer", "", 0.5),

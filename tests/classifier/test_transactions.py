@@ -99,7 +99,7 @@ def test_two_answers_of_one_id_to_one_request_are_a_doubled_id() -> None:
     bus = Bus(3)
     repeat(5, bus.read_all)
     data = answer(1) + answer(2) + answer(2) + answer(3)
-    assert ("unexpected_servo", "bus/main/servo/2") in repeat(5, lambda: bus.read_all(data))
+    assert ("duplicate_id", "bus/main/servo/2") in repeat(5, lambda: bus.read_all(data))
 
 
 def test_instructions_of_another_master_fit_no_known_fault() -> None:

@@ -74,6 +74,7 @@ AT_ONCE = [
     Case("slow", 4, "slow_servo", "servo/4"),
     Case("break", 4, "cable_break", "cable/3-4"),
     Case("silent", 3, "servo_silent", "servo/3"),
+    Case("duplicate_id", 3, "duplicate_id", "servo/3"),
     Case("rhythmic_jammer", None, "rhythmic_jammer"),
     Case("permanent_jammer", None, "permanent_jammer"),
     Case("undervoltage", 2, "undervoltage", "servo/2", reboot=True),
