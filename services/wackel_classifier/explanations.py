@@ -55,8 +55,9 @@ def _explains(cause: Finding, finding: Finding, chain: Chain, stamp: int) -> boo
     if cause.code == "duplicate_id" and code in EXPLAINS["duplicate_id"]:
         return _concerns(finding, cause.component, chain)
     if cause.code == "loose_contact" and code in _GONE:
-        # While the contact is open, and while servos restart after it, those behind it are gone.
-        passing = stamp - finding.since < INTERRUPTED_NS
+        # While the contact is open, and while servos restart after it, those behind it are gone;
+        # where no other reason is known, it is that one for as long as it is loose.
+        passing = code == "servo_unheard" or stamp - finding.since < INTERRUPTED_NS
         return passing and _is_behind(finding, cause.component, chain)
     if cause.code == "contact_resistance" and code == "undervoltage":
         return finding.component in _supplied_through(cause.component, chain)
