@@ -12,6 +12,7 @@ import numpy as np
 from wackel_diagnoser.bank import Bank
 from wackel_diagnoser.commands import CommandWatch, Complaint
 from wackel_diagnoser.efforts import Efforts
+from wackel_diagnoser.forced import ForcedMotion, can_force
 from wackel_diagnoser.gyro_bias import GyroBias
 from wackel_diagnoser.history import BLOCKED, STICKING, History, Moment
 from wackel_diagnoser.hypotheses import Class, Hypotheses
@@ -58,6 +59,8 @@ ACQUAINTED_S = 3.0
 speed."""
 ALARM_STEPS = 4
 """How long an alarm takes at least."""
+FORCED_STEPS = 5
+"""That are compared at once with how wheels force each other."""
 OFF_S = 1.5
 """A torque that is off for so long is no transient of switching on: a gateway reads the register of
 each servo once a second, so for a second those that have been read say on and the others off."""
@@ -102,6 +105,8 @@ class Diagnoser:
         self._heading_then = np.zeros(len(layout.names))  # when the verdict was passed
         self._kind_test: KindTest | None = None
         self._recent: deque[tuple[Measured, Floats, Floats, float]] = deque(maxlen=ALARM_STEPS)
+        self._motion = ForcedMotion(layout) if can_force(layout.drive) else None
+        self._block: list[tuple[Step, Target, Measured]] = []
         self._kind: Class = ""
         self._complaint: Complaint | None = None
         self._off_s = [0.0] * len(layout.drive.roll_wheels)
@@ -249,6 +254,12 @@ class Diagnoser:
                     self._kind_test.step(*each)
             else:
                 self._kind_test.step(*evidence, step.seconds)
+            if self._motion is not None and self._kind_test.steering:
+                self._block.append((step, target, evidence[0]))
+                if len(self._block) >= FORCED_STEPS:
+                    worse = self._references.worse
+                    self._kind_test.force(self._block, self._rows, self._motion, worse)
+                    self._block.clear()
             kind = self._kind_test.kind()
             changed |= kind != self._kind
             self._kind = kind
@@ -261,6 +272,7 @@ class Diagnoser:
         self._heading_then = step.heading
         self._sound_s = self._travelled = 0.0
         self._kind_test, self._kind = None, ""
+        self._block.clear()
         if len(components) != 1:
             return
         place = self._hypotheses.place(components[0])

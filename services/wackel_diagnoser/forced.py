@@ -7,8 +7,16 @@ drives give way by what they push. That is solved for all cases at once, with we
 the slip (iteratively reweighted least squares).
 """
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
+from wackel_diagnoser.reference import Target
+from wackel_diagnoser.rows import Measured, Rows
+from wackel_drive.alignment import Step
+from wackel_drive.layout import Layout
 from wackel_kinematics.array import Floats
 from wackel_kinematics.drive import Drive
 
@@ -25,22 +33,96 @@ GYRATION = 0.8
 """Radius of gyration by the mean distance of the wheels."""
 ITERATIONS = 3
 """The fourth changes yaw rates by less than the floor does."""
+YAW = 0.006
+YAW_SHARE = 0.01
+"""rad/s, and share of speed by length, by which predicted yaw rates miss a sound robot's."""
+ROLL_M_S = 0.003
+ROLL_SHARE = 0.005
+"""The same of rolling speeds."""
+BOUND = 9.0
+"""Of the square of a normalised miss."""
+INDEPENDENT = 0.3
+"""Share of a block of a tenth of a second that is new: robots do the same for longer."""
+
+Block = Sequence[tuple[Step, Target, Measured]]
+"""Some successive steps."""
+
+
+def can_force(drive: Drive) -> bool:
+    """Whether all wheels steer, slide and roll."""
+    return len(drive.slide_wheels) == len(drive.roll_wheels) == drive.n and bool(drive.steers.all())
+
+
+@dataclass(frozen=True)
+class Observed:
+    """Means over a block.
+
+    Attributes:
+        heading: Of each wheel as shown, rad, shape (n,).
+        told: As told.
+        speed: At which each wheel was told to roll, m/s.
+        rolled: At which it did.
+        yaw: The gyros' rate, rad/s.
+        acceleration: Commanded, in the robot frame, shape (3,).
+    """
+
+    heading: Floats
+    told: Floats
+    speed: Floats
+    rolled: Floats
+    yaw: float
+    acceleration: Floats
+
+
+def observe(block: Block, rows: Rows) -> Observed | None:
+    """A block of two steps or more; ``None`` if anything is missing."""
+    gyros = np.array([measured.z[rows.gyros] for _, _, measured in block])
+    first, last = block[0][1].twist, block[-1][1].twist
+    if not gyros.size or not all(measured.present.all() for _, _, measured in block):
+        return None
+    vx, vy, omega = (0.5 * (first + last)).tolist()
+    seconds = (block[-1][0].end - block[0][0].end) / 1e9
+    return Observed(
+        np.mean([step.heading for step, _, _ in block], axis=0),
+        np.mean([target.heading for _, target, _ in block], axis=0),
+        np.mean([target.speed for _, target, _ in block], axis=0),
+        np.mean([measured.z[rows.rolls] for _, _, measured in block], axis=0),
+        float(gyros.mean()),
+        (last - first) / seconds + np.array([-omega * vy, omega * vx, 0.0]),
+    )
 
 
 class ForcedMotion:
     """Predicts it.
 
     Args:
-        drive: Wheels that all steer, slide and roll.
+        layout: Of a drive that :func:`can_force`.
     """
 
-    def __init__(self, drive: Drive) -> None:
-        self._drive = drive
+    def __init__(self, layout: Layout) -> None:
+        drive = self._drive = layout.drive
+        self._to_beta = math.pi / 2 - drive.alpha
         self._n = drive.n
         length = drive.length_m
         self._inertia: Floats = np.array([1.0, 1.0, (GYRATION * length) ** 2])
         self._grip = GRIP_M_S2 / drive.n
         self._stiffness = self._grip / GIVES_WAY_M_S
+        self._length_m = length
+
+    def misses(self, seen: Observed, heading: Floats) -> Floats:
+        """By how much what is seen misses what would be if wheels stood like this: squares by their
+        variance, of the yaw rate and of each wheel's speed, shape (K, 1 + n).
+
+        Args:
+            seen: A block.
+            heading: True headings in each of K cases, shape (K, n).
+        """
+        yaw, rolled = self.predict(heading + self._to_beta, seen.speed, seen.acceleration)
+        fast = float(np.abs(seen.speed).max())
+        off = np.column_stack([yaw - seen.yaw, rolled - seen.rolled])
+        variance = np.full(1 + self._n, ROLL_M_S**2 + (ROLL_SHARE * fast) ** 2)
+        variance[0] = YAW**2 + (YAW_SHARE * fast / self._length_m) ** 2
+        return np.asarray(off * off / variance)
 
     def predict(
         self, steering: Floats, speed: Floats, acceleration: Floats

@@ -3,15 +3,17 @@
 Without the suspected rows the others say how the robot would move if only a sensor were wrong; with
 them, how it moves if the part really does what it shows. The gyro shows some share of the
 difference: none for a sensor, some for an actuator. And an actuator that fights the floor costs
-current: its own, or that of the others.
+current: its own, or that of the others. A steering forces the whole robot aside if it really stands
+where it says; so its motion is compared with both predictions (:mod:`wackel_diagnoser.forced`).
 """
 
 import math
 
 import numpy as np
 
+from wackel_diagnoser.forced import BOUND, INDEPENDENT, Block, ForcedMotion, observe
 from wackel_diagnoser.hypotheses import Class
-from wackel_diagnoser.rows import Measured
+from wackel_diagnoser.rows import Measured, Rows
 from wackel_kinematics.array import Bools, Floats
 
 SHARE = 0.25
@@ -19,7 +21,7 @@ SHARE = 0.25
 0.3, steerings that stand off 0.1 to 1."""
 SENSOR_SPREAD = 0.05
 """The same of sensors, which show 0.00."""
-INDEPENDENT = 0.1
+NEW = 0.1
 """Share of the steps that tell something new."""
 STRAINED = 2.5
 """Effort of a drive's own motor, by what is usual, from which on it fights something: sensor faults
@@ -44,18 +46,24 @@ class KindTest:
         gyros: Where the gyros stand among the rows.
         own: Which of the efforts is its own motor's.
         rolling: How many of the efforts are rolling motors'; they come first.
+
+    Attributes:
+        steering: Whether it is a steering.
+        seconds: For how long evidence has been gathered.
     """
 
     def __init__(self, spoilt: Bools, gyros: slice, own: int, rolling: int) -> None:
         self._spoilt = spoilt
         self._gyros = gyros
         self._own = own
-        self._steering = own >= rolling
+        self.steering = own >= rolling
         self._others = np.arange(rolling) != own
         self.seconds = 0.0
         self._xx = self._xe = 0.0
         self._efforts = np.zeros(2)
         self._effort_s = 0.0
+        self._forced = 0.0
+        self._is_forced = False
         self._kind: Class = ""
 
     def step(self, measured: Measured, variance: Floats, efforts: Floats, seconds: float) -> None:
@@ -82,7 +90,7 @@ class KindTest:
     @property
     def share(self) -> tuple[float, float]:
         """Of the expected yaw change that the gyro shows, and the standard deviation of that."""
-        information = max(INDEPENDENT * self._xx, 1e-9)
+        information = max(NEW * self._xx, 1e-9)
         return self._xe / max(self._xx, 1e-9), 1.0 / math.sqrt(information)
 
     @property
@@ -93,6 +101,26 @@ class KindTest:
         own, others = np.sqrt(self._efforts / self._effort_s).tolist()
         return own, others
 
+    def force(self, block: Block, rows: Rows, motion: ForcedMotion, worse: Floats) -> None:
+        """Takes in a block of steps of a steering: does it stand where it says, or where it is
+        told?
+
+        Args:
+            block: The steps.
+            rows: How measurements are numbered.
+            motion: How wheels force each other.
+            worse: How much larger the variances of that are than expected.
+        """
+        seen = observe(block, rows)
+        wheel = self._own - len(self._others)
+        if seen is None or not math.isfinite(float(seen.told[wheel])):
+            return
+        headings = np.array([seen.heading, seen.heading])
+        headings[1, wheel] = seen.told[wheel]
+        costs = np.minimum(motion.misses(seen, headings) / worse, BOUND).sum(axis=1)
+        self._forced += 0.5 * INDEPENDENT * float(costs[1] - costs[0])
+        self._is_forced = True
+
     def kind(self) -> Class:
         """What it is, as far as the evidence goes; a sensor where nothing says otherwise."""
         share, sigma = self.share
@@ -101,7 +129,9 @@ class KindTest:
         evidence = 0.5 * (share / as_sensor) ** 2 - 0.5 * ((share - SHARE) / as_actuator) ** 2
         evidence += math.log(as_sensor / as_actuator)
         own, others = self.strains
-        if self._steering:
+        if self._is_forced:
+            evidence = self._forced
+        elif self.steering:
             evidence += _strain(own, STEERING_STRAINED) + _strain(others, OTHERS_STRAINED)
         else:
             evidence += _strain(own, STRAINED)

@@ -8,18 +8,25 @@ over many headings; an error is named once it explains them far better than cali
 better than that of any other wheel.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from wackel_diagnoser.forced import ForcedMotion
+from wackel_diagnoser.forced import (
+    BOUND,
+    INDEPENDENT,
+    Block,
+    ForcedMotion,
+    can_force,
+    observe,
+)
 from wackel_diagnoser.reference import Target
 from wackel_diagnoser.rows import Measured, Rows
 from wackel_diagnoser.scaling import Scaling
 from wackel_diagnoser.sequential import threshold
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
+from wackel_kinematics.array import Floats
 
 BLOCK_S = 0.1
 """Motions are compared as means over this: encoder steps and the lag of drives cancel."""
@@ -34,21 +41,11 @@ FOLLOWS_SHARE = 0.25
 FOLLOWS_M_S = 0.05
 FOLLOWS_RAD = 0.1
 """A wheel that does not do what it is told has another fault."""
-YAW = 0.006
-YAW_SHARE = 0.01
-"""rad/s, and share of speed by length, by which predicted yaw rates miss a sound robot's."""
-ROLL_M_S = 0.003
-ROLL_SHARE = 0.005
-"""The same of rolling speeds."""
 WORST = 20.0
-"""How much larger the variance of that may be, as driving shows: more is no calibration."""
-BOUND = 9.0
-"""Of the square of a normalised miss."""
+"""How much larger the variance of misses may be, as driving shows: more is no calibration."""
 MOST_TOLD = 1.5
 """Evidence of one block at most: a second of driving, in several directions, is the least that
 convicts."""
-INDEPENDENT = 0.3
-"""Share of a block that is new: robots do the same for some tenths of a second."""
 CLEAR = 5.0
 """Logarithm of how much likelier it is than an error of any other wheel."""
 SUSPECTED = 3.0
@@ -85,19 +82,12 @@ class ReferenceErrors:
 
     Attributes:
         found: The zero that is known to be wrong.
-        suspected: Whether one explains the motion better than none does.
     """
 
     def __init__(self, layout: Layout, rows: Rows) -> None:
-        drive = layout.drive
-        n = drive.n
+        n = layout.drive.n
         self._rows = rows
-        self._possible = len(drive.slide_wheels) == len(drive.roll_wheels) == n and bool(
-            drive.steers.all()
-        )
-        self._to_beta = math.pi / 2 - drive.alpha
-        self._length_m = drive.length_m
-        self._motion = ForcedMotion(drive)
+        self._motion = ForcedMotion(layout) if can_force(layout.drive) else None
         cases = np.zeros((1 + n * len(SIZES), n))
         for wheel in range(n):
             first = 1 + wheel * len(SIZES)
@@ -111,13 +101,18 @@ class ReferenceErrors:
         self.found: WrongZero | None = None
 
     @property
+    def worse(self) -> Floats:
+        """How much larger the variances of misses are than expected, shape (1 + n,)."""
+        return np.minimum(self._scaling.factors, WORST)
+
+    @property
     def suspected(self) -> bool:
-        """See above."""
+        """Whether one explains the motion better than none does."""
         return bool(self._evidence.max() > SUSPECTED)
 
     def step(self, step: Step, target: Target, measured: Measured) -> bool:
         """Takes in a step; says whether what is known to be wrong has changed."""
-        if not self._possible:
+        if self._motion is None:
             return False
         self._steps.append((step, target, measured))
         self._seconds += step.seconds
@@ -132,40 +127,23 @@ class ReferenceErrors:
             before is not None and self.found is not None and before.wheel != self.found.wheel
         )
 
-    def _compare(self, block: list[tuple[Step, Target, Measured]], seconds: float) -> bool:
+    def _compare(self, block: Block, seconds: float) -> bool:
         """Gathers the evidence of a block; says whether there was any."""
-        rows = self._rows
-        heading = np.array([step.heading for step, _, _ in block])
-        aim = np.array([target.heading for _, target, _ in block])
-        speed = np.array([target.speed for _, target, _ in block])
-        steered = np.array([step.steered for step, _, _ in block])
-        z = np.array([measured.z for _, _, measured in block])
-        rolled, gyros = z[:, rows.rolls], z[:, rows.gyros]
-        if not gyros.size or not all(bool(measured.present.all()) for _, _, measured in block):
+        seen = observe(block, self._rows)
+        if self._motion is None or seen is None:
             return False
-        off = np.abs(rolled - speed) - FOLLOWS_SHARE * np.abs(speed)
+        turned = max(float(np.abs(step.steered).max()) for step, _, _ in block)
+        off = np.abs(seen.rolled - seen.speed) - FOLLOWS_SHARE * np.abs(seen.speed)
         if not (
             off.max() < FOLLOWS_M_S
-            and np.abs(heading - aim).max() < FOLLOWS_RAD
-            and np.abs(steered).max() < TURNING_RAD_S * seconds / len(block)
+            and np.abs(seen.heading - seen.told).max() < FOLLOWS_RAD
+            and turned < TURNING_RAD_S * seconds / len(block)
         ):
             return False
-        twist, now = block[0][1].twist, block[-1][1].twist
-        vx, vy, omega = (0.5 * (twist + now)).tolist()
-        change = (now - twist) / (seconds * (len(block) - 1) / len(block))
-        acceleration = change + np.array([-omega * vy, omega * vx, 0.0])
-        steering = heading.mean(axis=0) + self._to_beta + self._cases
-        yaw, predicted = self._motion.predict(steering, speed.mean(axis=0), acceleration)
-        fast = float(np.abs(speed).max())
-        misses = np.column_stack([yaw - gyros.mean(), predicted - rolled.mean(axis=0)])
-        base = np.full(misses.shape[1], ROLL_M_S**2 + (ROLL_SHARE * fast) ** 2)
-        base[0] = YAW**2 + (YAW_SHARE * fast / self._length_m) ** 2
-        squares = misses * misses / base
+        squares = self._motion.misses(seen, seen.heading + self._cases)
         if not self.suspected:
-            present = np.ones(len(base), dtype=np.bool_)
-            self._scaling.learn(squares[0], present, seconds)
-        squares /= np.minimum(self._scaling.factors, WORST)
-        costs = np.minimum(squares, BOUND).sum(axis=1)
+            self._scaling.learn(squares[0], np.ones(squares.shape[1], dtype=np.bool_), seconds)
+        costs = np.minimum(squares / self.worse, BOUND).sum(axis=1)
         evidence = self._evidence
         told = 0.5 * INDEPENDENT * (costs[0] - costs[1:])
         evidence *= 1.0 - seconds / MEMORY_S

@@ -16,22 +16,24 @@ ERROR_RAD = 0.15
 
 @pytest.mark.parametrize("count", [3, 4, 6])
 def test_wheels_that_agree_are_forced_to_nothing(count: int) -> None:
-    drive = Layout(steered_drive(count)).drive
+    layout = Layout(steered_drive(count))
+    drive = layout.drive
     motion = inverse(drive, np.array([0.4, 0.1, 0.5]), drive.steering(np.zeros(count)))
     speed = drive.roll_radius * motion.wheel_rate
-    yaw, rolled = ForcedMotion(drive).predict(motion.steering[None, :], speed, np.zeros(3))
+    yaw, rolled = ForcedMotion(layout).predict(motion.steering[None, :], speed, np.zeros(3))
     assert yaw == pytest.approx([0.5], abs=1e-4)
     assert rolled[0] == pytest.approx(speed, abs=1e-4)
 
 
 def test_a_wheel_that_stands_off_turns_the_robot_and_slows_it_on_both_sides_alike() -> None:
-    drive = Layout(steered_drive(4)).drive
+    layout = Layout(steered_drive(4))
+    drive = layout.drive
     motion = inverse(drive, np.array([0.5, 0.0, 0.0]), drive.steering(np.zeros(4)))
     cases = np.tile(motion.steering, (2, 1))
     cases[0, 0] += ERROR_RAD  # front left, and
     cases[1, 3] -= ERROR_RAD  # front right, mirrored
     speed = drive.roll_radius * motion.wheel_rate
-    yaw, rolled = ForcedMotion(drive).predict(cases, speed, np.zeros(3))
+    yaw, rolled = ForcedMotion(layout).predict(cases, speed, np.zeros(3))
     assert abs(yaw[0]) > 0.01
     assert yaw[0] == pytest.approx(-yaw[1], rel=1e-6)
     assert np.abs(rolled).sum(axis=1) == pytest.approx(np.abs(rolled).sum(axis=1)[::-1])
