@@ -25,6 +25,7 @@ def report(seq: int) -> FaultReport:
         message="It hums.",
         remedy="",
         evidence=Evidence(summary="50 Hz"),
+        since=seq,
     )
 
 
