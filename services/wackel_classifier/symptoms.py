@@ -117,7 +117,9 @@ def examine(expectation: Expectation, answers: Answers, data: bytes, capacity: i
     else:
         symptoms = _by_places(expectation, answers, data)
     segments = answers.segments or []
-    symptoms.rhythmic = symptoms.rhythmic or _is_rhythmic(segments)
+    # In a fast answer of several a jammer's zeros stand between the blocks, not just before it.
+    if not expectation.fast or len(expectation.ids) == 1:
+        symptoms.rhythmic = _is_rhythmic(segments)
     taken = sum(s.end - s.start for s in segments if s.kind is _PACKET)
     foreign = symptoms.zeros + symptoms.stray + symptoms.broken
     if capacity > taken:

@@ -139,3 +139,9 @@ def test_a_clean_answer_shows_nothing() -> None:
     symptoms = group(data, *IDS)
     assert symptoms.sign is Sign.HEALTHY
     assert symptoms.outcomes == [ANSWERED] * 3
+
+
+def test_one_zero_before_a_whole_fast_answer_is_no_rhythm() -> None:
+    symptoms = fast(bytes(1) + encode_fast(FAST, VALUES))
+    assert symptoms.outcomes == [ANSWERED] * len(IDS)
+    assert symptoms.sign is not Sign.RHYTHMIC
