@@ -57,11 +57,11 @@ class Bank:
             variance: Without a fault, shape (M,).
             size: What the factors of the spread are shares of, shape (M,).
         """
-        inverse = 1.0 / variance
-        ratio = (size * size * inverse).take(self._row)
+        inverse = np.reciprocal(variance)
+        ratio = (size * size * inverse)[self._row]
         ratio *= self._factor
         ratio += 1.0
-        weight = inverse.take(self._row)
+        weight = inverse[self._row]
         weight /= ratio
         weights, columns, products = self._weights, self._columns, self._products
         # Written straight to its place; without "clip", numpy would write to a copy first.
@@ -69,10 +69,10 @@ class Bank:
         columns[:3] = h.T
         columns[3] = z
         np.multiply(columns[:, None], columns, out=products[..., :-1])
-        one = self._normal = (products.reshape(16, -1) @ weights).reshape(4, 4, -1)
+        one = self._normal = products.reshape(16, -1).dot(weights).reshape(4, 4, -1)
         two = _eliminate(one)
         three = _eliminate(two)
-        costs: Floats = np.log(ratio) @ self._choice
+        costs: Floats = np.log(ratio).dot(self._choice)
         costs += np.log(one[0, 0] * two[0, 0] * three[0, 0])
         costs += three[1, 1] - three[0, 1] ** 2 / three[0, 0]
         costs *= -0.5

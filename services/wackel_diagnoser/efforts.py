@@ -80,13 +80,15 @@ class Efforts:
         rolls = self._rolls
         current = np.array(self._current)
         causes = np.array([speed, (speed - before) / seconds])
-        by_driving = self._needs @ causes
+        by_driving = self._needs.dot(causes)
         if math.isfinite(float(by_driving.sum())):
             if learnt_s and math.isfinite(float(current[:rolls].sum())):
                 fade = 1.0 - learnt_s / LONG_S
-                self._normal = fade * self._normal + causes @ causes.T
-                self._right = fade * self._right + causes @ current[:rolls]
-                self._needs = np.asarray(np.linalg.solve(self._normal, self._right))
+                self._normal = fade * self._normal + causes.dot(causes.T)
+                self._right = fade * self._right + causes.dot(current[:rolls])
+                (a, b), (_, c) = self._normal.tolist()
+                r, s = self._right.tolist()
+                self._needs = np.array((c * r - b * s, a * s - b * r)) / (a * c - b * b)
             current[:rolls] -= by_driving
         squares: Floats = current * current
         if learnt_s:

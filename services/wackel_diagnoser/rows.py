@@ -107,30 +107,42 @@ class Rows:
         settings = list(gyros.values())
         per_kind = (len(slides), len(rolls), len(gyros), len(self._steered), len(rolls))
 
-        def of_kinds(*values: Floats | float) -> Floats:
-            """Each row's value: slides, rolls, gyros, steering, rolling; one, or one each."""
-            pairs = zip(values, per_kind, strict=True)
-            return np.concatenate([np.broadcast_to(value, (count,)) for value, count in pairs])
+        def per_row(*columns: tuple[Floats | float, ...]) -> Floats:
+            """From values for slides, rolls, gyros, steering and rolling: one, or one each."""
+            return np.stack(
+                [
+                    np.concatenate(
+                        [np.broadcast_to(*each) for each in zip(column, per_kind, strict=True)]
+                    )
+                    for column in columns
+                ],
+                axis=-1,
+            )
 
         quantum = (drive.roll_radius * config.encoder_step / math.sqrt(6)) ** 2
         density = np.array([gyro.noise_density**2 for gyro in settings])
         wander = np.array([gyro.bias_stability**2 for gyro in settings])
-        self._white = of_kinds(
-            CREEP**2,
-            0.0,
-            wander + (0.5 * CREEP / drive.length_m) ** 2,
-            config.encoder_step**2 + FOLLOWS**2,
-            (0.5 * CREEP) ** 2,
+        wander += (0.5 * CREEP / drive.length_m) ** 2
+        angle = config.encoder_step**2 + FOLLOWS**2
+        self._noise = per_row(
+            (CREEP**2, 0.0, wander, angle, (0.5 * CREEP) ** 2),  # in every step
+            (0.0, 0.0, density, 0.0, 0.0),  # by 1/dt
+            (0.0, quantum, 0.0, 0.0, quantum),  # by 1/dt²
         )
-        self._per_time = of_kinds(0.0, 0.0, density, 0.0, 0.0)
-        self._per_step = of_kinds(0.0, quantum, 0.0, 0.0, quantum)
         scale = np.array([gyro.scale_error for gyro in settings])
-        self._share = of_kinds(config.steering_error, config.radius_error, scale, 0.0, FOLLOWS)
-        self._size = of_kinds(SLOWEST, SLOWEST, TREMBLE, 1.0, SLOWEST)
-        self._size_by_speed = of_kinds(1.0, 1.0, YAW / drive.length_m, 0.0, 1.0)
-        # What a manoeuvre adds to each row, by what is late or forced in it, and by the mean slip.
-        self._late = of_kinds(FORCED, FORCED, JERK, PENDING, PENDING)
-        self._slipping = of_kinds(SHARED, SHARED, YAWING / drive.length_m, 0.0, SHARED)
+        self._share = per_row(
+            (config.steering_error, config.radius_error, scale, 0.0, FOLLOWS),
+        )[:, 0]
+        self._size = per_row(
+            (SLOWEST, SLOWEST, TREMBLE, 1.0, SLOWEST),
+            (1.0, 1.0, YAW / drive.length_m, 0.0, 1.0),  # by speed
+        )
+        # What a manoeuvre adds: by what is forced or late in each row, and by what all slip.
+        self._late = per_row((FORCED, FORCED, JERK, PENDING, PENDING))[:, 0]
+        self._slipping = per_row(
+            (SHARED, SHARED, YAWING / drive.length_m, 0.0, SHARED),  # by mean slip
+            (0.0, 0.0, 0.0, 0.0, 1.0),  # by droop
+        )
         self._zeros = np.zeros(drive.n)
         self._h = np.zeros((self.count, 3))
         self._h[self.gyros, 2] = 1.0
@@ -163,26 +175,25 @@ class Rows:
             bias: Of each gyro, rad/s.
         """
         drive, dt, steered = self._drive, step.seconds, self._steered
-        slides, rolls, gyros, rolling = self.slides, self.rolls, self.gyros, self.rolling
+        slides, rolls, gyros = self.slides, self.rolls, self.gyros
         headings = np.empty((2, drive.n))
         headings[0], headings[1] = step.heading, target.heading
         headings += self._zeros
         rows, wanted = drive.rows_along(headings)
         h = self._h.copy()
         h[: self._constraints] = rows
-        rolled = step.wheel_rate.take(drive.roll_wheels)
-        rolled *= drive.roll_radius
+        rolled = step.wheel_rate[drive.roll_wheels] * drive.roll_radius
         z = np.concatenate(
             (
                 self._no_slide,
                 rolled,
                 step.gyro_rate - bias,
-                (step.heading - target.heading).take(steered),
+                (step.heading - target.heading)[steered],
                 rolled - target.speed,
             )
         )
         speeds = target.speed
-        lag = np.abs(step.steered.take(steered)) * (STEERING_LAG_S / dt)
+        lag = np.abs(step.steered[steered]) * (STEERING_LAG_S / dt)
         forced = self._slip(wanted, speeds)
         # One sum tells whether anything is missing, which is rare.
         whole = math.isfinite(sum(z.tolist()))
@@ -195,29 +206,27 @@ class Rows:
         shown = np.maximum(np.abs(rolled), np.abs(speeds))
         speed = max(shown.tolist(), default=0.0)
         # Along the slide rows a wheel's own speed; the robot's where it does not roll by itself.
-        sliding = shown.take(self._slide_roll) if self._slide_rolls else np.full(slides.stop, speed)
-        size = self._size_by_speed * speed
-        size += self._size
+        sliding = shown[self._slide_roll] if self._slide_rolls else np.full(slides.stop, speed)
+        size = self._size.dot((1.0, speed))
         turning = z[gyros]
         base = np.concatenate((sliding, shown, turning, self._no_steering, shown))
         base *= self._share
         base *= base
-        base += self._white + (self._per_time + self._per_step / dt) / dt
+        base += self._noise.dot((1.0, 1 / dt, 1 / dt**2))
 
         # While wheels turn, their references contradict each other: they really slip.
-        mean = math.sqrt(float(forced @ forced) / len(forced))
+        mean = math.sqrt(float(forced.dot(forced)) / len(forced))
         loose = np.concatenate(
             (
                 forced,
                 turning - self._gyro_before,
-                target.heading_gap.take(steered),
+                target.heading_gap[steered],
                 target.speed_gap,
             )
         )
         np.abs(loose, out=loose)
         loose *= self._late
-        loose += self._slipping * mean
-        loose[rolling] += DROOP_M_S * mean / (mean + GRIP_M_S)
+        loose += self._slipping.dot((mean, DROOP_M_S * mean / (mean + GRIP_M_S)))
         if len(lag) == len(sliding):
             loose[slides] += sliding * lag
         loose[self.steering] += lag
@@ -229,12 +238,12 @@ class Rows:
 
     def _slip(self, rows: Floats, speeds: Floats) -> Floats:
         """How much the references contradict each other, m/s, shape (R,); 0 if there are none."""
-        right = speeds @ rows[self.rolls]
+        right = speeds.dot(rows[self.rolls])
         if not math.isfinite(sum(right.tolist())):
             return np.zeros(len(rows))
         inverse = self._inverse
         if inverse is None:
             inverse = np.asarray(np.linalg.inv(rows.T @ rows + REGULAR))
-        slip = np.asarray(rows @ (inverse @ right))
+        slip = np.asarray(rows.dot(inverse.dot(right)))
         slip[self.rolls] -= speeds
         return slip
