@@ -4,7 +4,7 @@ Time is the stamps of the messages, so a recording gives the same as the robot.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from operator import gt
 
 import numpy as np
@@ -91,7 +91,7 @@ class Odometer:
         self._reports = Reports()
         self._inputs = InputWatch()
         self._excluded: list[Exclusion] = []
-        self._blocked = blocked(self._rows, ())
+        self._block(())
         self._slipping = False
         self._rejections = [0] * len(self._rows.names)
         self._contradicted = np.zeros(len(settings))  # s of each gyro against wheels at rest
@@ -140,8 +140,13 @@ class Odometer:
             for each in named.values()
             if self._rows.of_component(each.component) is not None
         ]
-        self._blocked = blocked(self._rows, [each.component for each in self._excluded])
+        self._block([each.component for each in self._excluded])
         self._slipping = any(each.fault == "actuator" for each in self._excluded)
+
+    def _block(self, components: Collection[str]) -> None:
+        """Rows of these are not used."""
+        self._allowed = ~blocked(self._rows, components)
+        self._believed: list[bool] = self._allowed[self._roll_rows].tolist()
 
     def active(self) -> list[FaultReport]:
         """The faults that are active, in the order in which they began."""
@@ -190,8 +195,8 @@ class Odometer:
         estimator.seconds = step.seconds
         estimator.predict()
         rows = self._rows.measure(step, estimator.x[TWIST], self._slipping)
-        usable = rows.present() & ~self._blocked
-        resting = self._standstill.step(step, ~self._blocked[self._roll_rows])
+        usable = rows.present() & self._allowed
+        resting = self._standstill.step(step, self._believed)
         verdict = self._rest(rows, usable, step.seconds) if resting else None
         standing = verdict is not None
         if verdict is None:
@@ -207,11 +212,11 @@ class Odometer:
         """Takes in what passes the gates."""
         estimator, z, h = self._filter, rows.z, rows.h
         instant, lasting = rows.white + rows.systematic, counted_once(rows, seconds)
-        if not usable.all():
+        if not all(usable.tolist()):
             z, h, instant, lasting = z[usable], h[usable], instant[usable], lasting[usable]
-        verdict = gate(z - h @ estimator.x, h, estimator.P, instant)
+        verdict = gate(z - h.dot(estimator.x), h, estimator.P, instant)
         kept = verdict.accepted
-        if not kept.all():
+        if not all(kept.tolist()):
             z, h, lasting = z[kept], h[kept], lasting[kept]
         if len(z):
             estimator.correct(z, h, lasting, learn_bias=False)
@@ -313,7 +318,7 @@ class Odometer:
         states = []
         for i, (name, used) in enumerate(zip(self._rows.names, usable.tolist(), strict=True)):
             if not used:
-                result: Result = "excluded" if self._blocked[i] else "missing"
+                result: Result = "missing" if self._allowed[i] else "excluded"
                 state = InputState(name=name, result=result, rejections=self._rejections[i])
             else:
                 accepted, innovation, sigma = next(judged)

@@ -99,15 +99,15 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
             variance: Of each, shape (m,).
             learn_bias: Whether they may change the biases.
         """
-        seen = h @ self.P
-        s = seen @ h.T
-        s.flat[:: len(s) + 1] += variance
+        seen = h.dot(self.P)
+        s = seen.dot(h.T)
+        s.reshape(-1)[:: len(s) + 1] += variance
         factor, _ = dpotrf(s, lower=True)
         gain, _ = dpotrs(factor, seen, lower=True)  # transposed
-        change = (z - h @ self.x) @ gain
+        change = (z - h.dot(self.x)).dot(gain)
         biases = self.P[FIRST_BIAS:, FIRST_BIAS:].copy()
         # P − K S Kᵀ, for the optimal gain; without its rows of the biases, their block stays.
-        known = seen.T @ gain
+        known = seen.T.dot(gain)
         self.P = self.P - (known + known.T) / 2  # symmetric to the last digit, for ever
         if not learn_bias:
             change[FIRST_BIAS:] = 0.0

@@ -41,8 +41,8 @@ def gate(innovation: Floats, h: Floats, covariance: Floats, variance: Floats) ->
         covariance: Of the prediction, P, shape (n, n).
         variance: Of the measurements, diagonal of R, shape (m,).
     """
-    s = h @ covariance @ h.T
-    s.flat[:: len(s) + 1] += variance
+    s = h.dot(covariance).dot(h.T)
+    s.reshape(-1)[:: len(s) + 1] += variance
     alone, sigma = all_alone, all_sigma = _left_out(s, innovation)
     accepted = np.ones(len(innovation), dtype=np.bool_)
     while (worst := _worst(alone, sigma)) is not None:

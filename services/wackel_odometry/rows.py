@@ -8,7 +8,7 @@ the filter, which takes all errors for white, must count it as one sample in tha
 
 import math
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,8 +32,7 @@ SLIPPING = 0.05
 the others fall to 0.91 and 0.93 when one is blocked."""
 
 
-@dataclass(frozen=True)
-class Measurements:
+class Measurements(NamedTuple):
     """All rows of a step; those without a value are NaN. Slide rows, roll rows, gyros.
 
     Attributes:
@@ -90,19 +89,17 @@ class Rows:
             },
         }
         self._rows_of_wheel = list(zip(self.roll_of.tolist(), self.slide_of.tolist(), strict=True))
-        self._to_beta = math.pi / 2 - drive.alpha
         self._slides = len(slides)
         self._gyros = slice(self.wheels, None)
         settings = list(gyros.values())
         density = np.array([each.noise_density for each in settings])
         # The difference of two positions, each off by up to half an encoder step.
         quantum = drive.roll_radius * config.encoder_step / math.sqrt(6)
-        none, no_gyro = np.zeros(self.wheels), np.zeros(len(settings))
-        self._white = np.concatenate(
-            [np.full(len(slides), CREEP**2), no_gyro, np.zeros(len(rolls))]
-        )
-        self._white_rate = np.concatenate([none, density**2])  # over dt
-        self._white_step = np.concatenate([np.zeros(len(slides)), quantum**2, no_gyro])  # over dt²
+        # In every step, by 1/dt, and by 1/dt².
+        self._white = np.zeros((len(self.names), 3))
+        self._white[: len(slides), 0] = CREEP**2
+        self._white[self._gyros, 1] = density**2
+        self._white[len(slides) : self.wheels, 2] = quantum**2
         self._share = np.concatenate(
             [
                 np.full(len(slides), config.steering_error),
@@ -112,7 +109,9 @@ class Rows:
         )
         self._slipping_share = self._share.copy()
         np.maximum(self._share[: self.wheels], SLIPPING, out=self._slipping_share[: self.wheels])
-        self._lagging = drive.steers[slides]
+        self._lagging = np.flatnonzero(drive.steers[slides])  # slide rows
+        self._lagging_wheels = drive.slide_wheels[self._lagging]
+        self._no_slide = np.zeros(len(slides))
         # Where the slide row of a wheel finds its rolling speed; -1 where it has none.
         self._speed_row = self.roll_of[slides]
         self._all_roll = bool((self._speed_row >= 0).all())
@@ -135,28 +134,25 @@ class Rows:
         """
         drive, dt, slides = self._drive, step.seconds, self._slides
         h = self._h.copy()
-        h[: self.wheels, TWIST] = drive.rows(step.heading + self._to_beta)
-        z = np.zeros(len(h))
-        np.multiply(
-            drive.roll_radius, step.wheel_rate[drive.roll_wheels], out=z[slides : self.wheels]
-        )
-        z[self._gyros] = step.gyro_rate
+        h[: self.wheels, TWIST] = drive.rows_along(step.heading)
+        rolled = drive.roll_radius * step.wheel_rate[drive.roll_wheels]
+        z = np.concatenate((self._no_slide, rolled, step.gyro_rate))
         size = np.abs(z)
         speed = size[self._speed_row]
-        if not (self._all_roll and np.isfinite(speed).all()):
+        if not (self._all_roll and math.isfinite(sum(speed.tolist()))):
             contact = velocity_at(twist, drive.xy[drive.slide_wheels])
             known = (self._speed_row >= 0) & np.isfinite(speed)
             speed = np.where(known, speed, np.hypot(contact[:, 0], contact[:, 1]))
         size[:slides] = speed
-        white = self._white + self._white_rate / dt + self._white_step / dt**2
-        lag = np.where(self._lagging, step.steered[drive.slide_wheels], 0.0) * (TURNING_LAG_S / dt)
-        white[:slides] += (speed * lag) ** 2
-        share = self._slipping_share if slipping else self._share
-        return Measurements(z, h, white, (share * size) ** 2)
+        white = self._white.dot((1.0, 1 / dt, 1 / dt**2))
+        lag = speed[self._lagging] * step.steered[self._lagging_wheels] * (TURNING_LAG_S / dt)
+        white[self._lagging] += lag * lag
+        size *= self._slipping_share if slipping else self._share
+        return Measurements(z, h, white, size * size)
 
     def slip(self, measurements: Measurements, twist: Floats) -> list[tuple[float, float]]:
         """(along, across) of each wheel in m/s at a twist; NaN where it is not known."""
-        off = (measurements.z - measurements.h[:, TWIST] @ twist).tolist()
+        off = (measurements.z - measurements.h[:, TWIST].dot(twist)).tolist()
         return [
             (off[roll] if roll >= 0 else math.nan, -off[slide] if slide >= 0 else math.nan)
             for roll, slide in self._rows_of_wheel

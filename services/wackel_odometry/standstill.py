@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from wackel_drive.alignment import Step
-from wackel_kinematics.array import Bools, Floats, Ints
+from wackel_kinematics.array import Floats, Ints
 
 LEAST_S = 0.3
 """Rest shorter than this is a reversal or a pause between two moves."""
@@ -48,14 +48,15 @@ class Standstill:
         self._low = [math.inf] * len(self._density)
         self._high = [-math.inf] * len(self._density)
 
-    def step(self, step: Step, believed: Bools) -> bool:
+    def step(self, step: Step, believed: list[bool]) -> bool:
         """Takes in a step; says whether the robot stands.
 
         Args:
             step: What the sensors said; a sensor that said nothing is left out.
             believed: Which of the roll wheels are not excluded, in their order.
         """
-        turned = np.where(believed, step.wheel_rate[self._wheels], np.nan).tolist()
+        shown = zip(step.wheel_rate[self._wheels].tolist(), believed, strict=True)
+        turned = [rate if kept else math.nan for rate, kept in shown]
         self.wheels_s = self.wheels_s + step.seconds if self._still(turned, step.seconds) else 0.0
         quiet = self._quiet(step.gyro_rate.tolist(), step.seconds)
         self._gyros_s = self._gyros_s + step.seconds if quiet else 0.0
