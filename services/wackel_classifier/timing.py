@@ -63,7 +63,7 @@ HELD_MOST_NS = SLOWEST_NS + 16_000_000
 """
 SOUND_LATE = 0.05
 SOUND_LATE_MOST = 0.6
-SOUND_MEMORY = 1000
+SOUND_MEMORY = 100
 """The share for a sound adapter and a busy host: at least, at most, and the answers over which it
 is followed. A host that is late more often than that is named itself."""
 LATENCY_CERTAIN = -log(1e-9)

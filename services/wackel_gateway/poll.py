@@ -9,7 +9,7 @@ from wackel_gateway.management import Management
 from wackel_gateway.outcome import Outcome
 from wackel_gateway.patience import Patience
 from wackel_gateway.port import Port, PortLost
-from wackel_gateway.pressure import BUSY, Pressure
+from wackel_gateway.processor_wait import ProcessorWait
 from wackel_gateway.reporter import Reporter
 from wackel_gateway.retry import keep_open
 from wackel_gateway.roster import Member
@@ -51,7 +51,7 @@ class Poller:
             fast=config.fast_sync_read,
             now_ns=monotonic_ns(),
         )
-        self._pressure = Pressure()
+        self._processor_wait = ProcessorWait()
         self._exchange: Exchange | None = None
         self._unpublished: Outcome | None = None
         self._models: dict[int, int | None] = {}
@@ -85,15 +85,16 @@ class Poller:
                     node.pump()
                     pumped_ns = now
                 late = exchange.drain()
+                waited_before_ns = self._processor_wait.total_ns() if len(job.ids) == 1 else 0
                 exchange.send(job.purpose, job.instruction)
                 # The time on the wire is used to publish what came before.
                 self._publish()
                 if late is not None:
                     self._reporter.publish(late)
                 self._unpublished = outcome = exchange.gather()
-                # Where processes wait for a processor, a late answer says nothing of the bus.
-                if outcome.late_ns and self._pressure.share(outcome.ended_ns) >= BUSY:
-                    outcome.host_lag_ns = max(outcome.host_lag_ns, outcome.late_ns)
+                if outcome.late_ns:
+                    waited_ns = self._processor_wait.total_ns() - waited_before_ns
+                    outcome.host_lag_ns = max(outcome.host_lag_ns, waited_ns)
                 self._done(job, outcome)
         finally:
             self._exchange = None
@@ -121,7 +122,6 @@ class Poller:
             self._reporter.refused("gyro", refusal)
 
     def _look(self) -> None:
-        self._pressure.look(monotonic_ns())
         if self._exchange is None:
             return
         self._exchange.port.wait(0)  # raises if it is gone
