@@ -69,6 +69,27 @@ def test_each_state_of_all_wheels_ends_a_step_at_once() -> None:
         assert step.wheel_rate == pytest.approx([RATE, RATE])
 
 
+def test_states_at_100_hz_end_a_step_each_in_spite_of_jitter() -> None:
+    aligned = alignment()
+    stamps = [0, 12.9, 20, 29, 41.4, 48.6, 60]
+    for ms in stamps:
+        aligned.bus_state("main", state(ms))
+    found = steps(aligned)
+    assert ends(found) == stamps[1:]
+    for step in found:
+        assert step.wheel_rate == pytest.approx([RATE, RATE])
+
+
+def test_states_at_200_hz_end_a_step_every_other_time_and_are_all_counted_in() -> None:
+    aligned = alignment()
+    for ms in range(0, 65, 5):
+        aligned.bus_state("main", state(ms))
+    found = steps(aligned)
+    assert ends(found) == [10, 20, 30, 40, 50, 60]
+    for step in found:
+        assert step.wheel_rate == pytest.approx([RATE, RATE])
+
+
 def test_a_step_waits_for_the_gyro_and_takes_its_mean_over_the_step() -> None:
     aligned = alignment(gyro=True)
     aligned.gyro("body", imu(-3, 0.0))
