@@ -78,8 +78,10 @@ class Track:
     def turned(self, begin: int, end: int) -> float | None:
         """Angle turned between two times, rad; ``None`` where samples do not cover them."""
         samples = self._samples
-        if len(samples) > 1 and samples[0][0] == begin and samples[1][0] == end:
-            return _between(samples[0], samples[1])
+        if len(samples) > 1:
+            before, after = samples[0], samples[1]
+            if before[0] == begin and after[0] == end:
+                return _between(before, after)
         first = self._at_or_before(begin)
         last = bisect_left(samples, (end,))
         if first < 0 or last >= len(samples):

@@ -63,6 +63,7 @@ class Drive:
             raise ValueError("no wheel away from the origin constrains the motion")
         self.length_m = math.sqrt(sum(d * d for d in distances) / len(distances))
 
+        self._scale = _frozen([1.0, 1.0, 1.0 / self.length_m])
         self._mounted_heading = self._mounted + self.alpha - math.pi / 2
         self._all_steer = bool(self.steers.all())
         # What each row sees of the motion along its wheel's heading, and to the left of it.
@@ -152,7 +153,7 @@ class Drive:
 
     def scaled(self, rows: Floats) -> Floats:
         """Rows for the scaled twist [vx, vy, L ω]: third column divided by L."""
-        return rows * (1.0, 1.0, 1.0 / self.length_m)
+        return rows * self._scale
 
     def scaled_unit(self, rows: Floats) -> Floats:
         """Scaled rows of length 1: normals of the planes in velocity space (section 3.1)."""
