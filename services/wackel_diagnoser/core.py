@@ -16,6 +16,7 @@ from wackel_diagnoser.forced import ForcedMotion, can_force
 from wackel_diagnoser.gyro_bias import GyroBias
 from wackel_diagnoser.history import BLOCKED, STICKING, History, Moment
 from wackel_diagnoser.hypotheses import Class, Hypotheses
+from wackel_diagnoser.idle import IdleMotors
 from wackel_diagnoser.kinds import WINDOW_S, KindTest
 from wackel_diagnoser.reference import Reference, Target
 from wackel_diagnoser.references import ReferenceErrors
@@ -49,6 +50,8 @@ MOVING_M_S = 0.05
 """Slower, residuals say nothing of calibration, and a faulty wheel looks sound."""
 SOUND_S = 1.0
 """For how long a part must have shown itself sound before it is healed."""
+UNSTUCK_S = 3.0
+"""The same of a wheel that stood: one that sticks now and then rolls well in between."""
 CONTRARY = 0.5
 """Evidence of one step for the fault that begins this anew."""
 TRAVELLED_RAD = 0.1
@@ -88,9 +91,12 @@ class Diagnoser:
         self._sensors = Scaling(rows.count, first=9.0, least=0.15)
         self._manoeuvre = Scaling(rows.count, first=1.0, least=0.25)
         limit = threshold(len(hypotheses), RATE)
-        self._sequential = Sequential(hypotheses.prior, hypotheses.explanation, limit)
+        self._sequential = Sequential(
+            hypotheses.prior, hypotheses.explanation, limit, hypotheses.slight
+        )
         self._bias = GyroBias(list(gyros.values()))
         self._efforts = Efforts(layout)
+        self._idle = IdleMotors(len(layout.drive.roll_wheels), RATE / LEARN_EVERY)
         self._references = ReferenceErrors(layout, rows)
         self._paper = PaperSteps(layout)
         self._history = History()
@@ -178,11 +184,15 @@ class Diagnoser:
             self._correct()
         changed = self._judge(step, target, (measured, variance, efforts), likelihood)
         self._watch_torque(step.seconds)
+        rolling = self._efforts.rolling()
+        if rolling is not None and self._steps_made % LEARN_EVERY == 0:
+            self._idle.step(step.seconds * LEARN_EVERY, target.speed, *rolling)
         suspected = (
             sequential.verdict != 0
             or self._references.found is not None
             or self._complaint is not None
             or any(self._off_s)
+            or any(self._idle.found)
         )
         messages: list[Message] = []
         # The first word: what a diagnoser before this one excluded is to be believed again.
@@ -243,7 +253,7 @@ class Diagnoser:
         proposal = sequential.proposal()
         if proposal is not None:
             names, now = (set(hypotheses.explanations[i]) for i in (proposal, verdict))
-            if not names < now or self._sound_s >= SOUND_S:
+            if not names < now or self._sound_s >= self._sound_needed_s():
                 sequential.accept(proposal)
                 self._take(proposal, step)
                 verdict, changed = proposal, True
@@ -285,6 +295,16 @@ class Diagnoser:
         spoilt = self._hypotheses.own_rows(components[0])
         self._kind_test = KindTest(spoilt, self._rows.gyros, own, len(rolls))
         self._kind = "sensor"
+
+    def _sound_needed_s(self) -> float:
+        """For how long what is faulty must look sound to be so."""
+        for path in self._hypotheses.explanations[self._sequential.verdict]:
+            part, wheel = self._hypotheses.place(path) or ("", 0)
+            if part == "drive":
+                share = self._history.standing_share(self._rows.roll_of(wheel), self._since)
+                if share is not None and share >= STICKING:
+                    return UNSTUCK_S
+        return SOUND_S
 
     def _watch_soundness(self, step: Step, target: Target, likelihood: Floats) -> None:
         """For how long the faulty part has shown that nothing is wrong with it."""
@@ -331,16 +351,19 @@ class Diagnoser:
     def _findings(self, now: int) -> list[Finding]:
         found = []
         components = self._hypotheses.explanations[self._sequential.verdict]
-        free = [
-            component.wheel_drive(self._layout.names[wheel])
-            for wheel, off_s in zip(
-                self._layout.drive.roll_wheels.tolist(), self._off_s, strict=True
-            )
-            if off_s >= OFF_S
-        ]
-        for path in free:
-            summary = "its torque is off while that of others is on"
-            found.append(Finding("wheel_free", path, summary, now, confidence=0.99))
+        free = []
+        for wheel, off_s, idle in zip(
+            self._layout.drive.roll_wheels.tolist(), self._off_s, self._idle.found, strict=True
+        ):
+            off = off_s >= OFF_S
+            if off or idle:
+                path = component.wheel_drive(self._layout.names[wheel])
+                summary = "its torque is off while that of others is on"
+                if not off:
+                    summary = "its motor needs no more than to turn by itself while others work"
+                free.append(path)
+                confidence = 0.99 if off else 0.95
+                found.append(Finding("wheel_free", path, summary, now, confidence=confidence))
         if len(components) == 2:
             a, b = components
             for path, other in ((a, b), (b, a)):

@@ -99,6 +99,14 @@ class Efforts:
         ratio: Floats = squares / np.maximum(self._usual, LEAST**2)
         return ratio
 
+    def rolling(self) -> tuple[Floats, Floats, Floats] | None:
+        """Currents of the rolling motors, what driving needs by speed and by acceleration, and the
+        mean square of what is left; ``None`` until that is known."""
+        if self._learnt_s < LEARNT_S:
+            return None
+        rolls = self._rolls
+        return np.array(self._current[:rolls]), self._needs, self._usual[:rolls]
+
     def off(self) -> list[bool]:
         """Which rolling motors are switched off while others are on."""
         rolling = self._torque[: self._rolls]

@@ -32,6 +32,9 @@ YAW_OFF = 1.0
 """What a mechanical fault adds to the yaw rate, and what a faulty gyro shows too much, in units of
 :data:`wackel_diagnoser.rows.YAW` of speed by length."""
 GYRO_OFF = 3.0
+SLIGHT = 0.06
+"""By how much less a slight fault of a part spoils its rows: 3 % of speed, 2°, 0.1 rad/s. One that
+expects more than it sees takes ten times as much for it."""
 SHOVED = 0.3
 """Share of the speed by which ice or a collision moves all wheels against the floor."""
 
@@ -51,10 +54,12 @@ class Hypothesis:
         components: What is faulty; none: nothing is.
         kind: ``sensor``: only the value is wrong; ``actuator``: the part does not do what it is
             told, so the robot really slips; empty where that is not asked.
+        slight: Not much.
     """
 
     components: tuple[str, ...]
     kind: Class = ""
+    slight: bool = False
 
 
 class Hypotheses:
@@ -65,6 +70,7 @@ class Hypotheses:
         prior: Logarithms of their prior probabilities, shape (K,).
         spread: Squares of the factors by which they widen rows, in units of
             :attr:`Measured.size <wackel_diagnoser.rows.Measured>`, shape (K, M).
+        slight: Which are slight faults, shape (K,).
         singles: Numbers of those with one component, shape (s,).
         explanations: The sets of components, the first empty.
         explanation: Which of them each hypothesis names.
@@ -97,18 +103,22 @@ class Hypotheses:
             own = self._own(part, i)
             # Others may slip, or hold the robot: that they need not is worth a hypothesis.
             ways: list[tuple[Class, Floats]] = [
-                ("actuator", self._dragging()),
-                ("actuator", self._disturbed()),
-                ("sensor", self._none()),
+                ("actuator", np.maximum(own, self._dragging())),
+                ("actuator", np.maximum(own, self._disturbed())),
+                ("sensor", own),
             ]
-            for kind, others in ways:
+            for kind, spoilt in ways:
                 each.append(Hypothesis((path,), kind))
                 prior.append(SINGLE)
-                spread.append(np.maximum(own, others))
-        for name in gyros:
-            each.append(Hypothesis((component.gyro(name),), "sensor"))
+                spread.append(spoilt)
+            each.append(Hypothesis((path,), "sensor", slight=True))
             prior.append(SINGLE)
-            spread.append(self._of_gyro(name))
+            spread.append(SLIGHT * own)
+        for name in gyros:
+            for share in (1.0, SLIGHT):
+                each.append(Hypothesis((component.gyro(name),), "sensor", slight=share < 1.0))
+                prior.append(SINGLE)
+                spread.append(share * self._of_gyro(name))
         for path, touched in (
             (component.DRIVE, self._ground()),
             (component.COMMAND, self._command()),
@@ -133,6 +143,7 @@ class Hypotheses:
         self.explanation = [self.explanations.index(h.components) for h in each]
         numbers = np.array(self.explanation)
         self.members = [np.flatnonzero(numbers == i) for i in range(len(self.explanations))]
+        self.slight: Bools = np.array([hypothesis.slight for hypothesis in each])
         self.singles: Ints = np.flatnonzero([len(h.components) == 1 for h in each])
 
     def place(self, path: str) -> tuple[Literal["drive", "steering"], int] | None:

@@ -34,7 +34,7 @@ CHANGE = 1.0
 """Evidence for the other kind from which on what was said is taken back."""
 WEIGHT = 4.0
 """Evidence of an effort that is e times the limit."""
-WINDOW_S = 1.5
+WINDOW_S = 3.0
 """How long after the onset a kind is still reconsidered."""
 
 

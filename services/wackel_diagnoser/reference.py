@@ -92,6 +92,7 @@ class Reference:
         self._chosen = [3, 3]
         self._since_choice = 0.0
         self._steering_rate = LEAST_STEERING_RATE
+        self._turned_before = np.zeros(n)
         self._unknown = Target(
             np.full(drive.n, np.nan),
             np.zeros(drive.n),
@@ -148,6 +149,7 @@ class Reference:
         if halves.tolist() != self._halves:  # hardly ever, or what is not known
             self._turn_half_round(halves)
         half_turns, sign = self._half_turns, self._sign
+        self._learn_steering_rate(step)
         gap = self._goal - state
         moved = reached * gap
         middle = (1.0 - reached * LAGS_S / dt) * gap
@@ -215,11 +217,17 @@ class Reference:
         self._half_turns = halves * math.pi
         self._sign = 1.0 - 2.0 * (halves.take(self._roll_wheels) % 2.0)
 
+    def _learn_steering_rate(self, step: Step) -> None:
+        """How fast the steering can turn: whatever is wrong, as one has turned, so it can; but a
+        reading that jumps, which lasts one step, is no turn."""
+        turned = np.abs(step.steered) / step.seconds
+        lasting = float(np.fmin(turned, self._turned_before).max(initial=0.0))
+        self._turned_before = turned
+        if self._steering_rate < lasting <= FASTEST:
+            self._steering_rate = lasting
+
     def _learn(self, step: Step, learnt_s: float, middle: Floats) -> None:
-        """Which lag the measurements follow, and how fast the steering can turn."""
-        turned = float(np.abs(step.steered).max(initial=0.0))
-        if turned > self._steering_rate * step.seconds:
-            self._steering_rate = turned / step.seconds
+        """Which lag the measurements follow."""
         off = np.concatenate(
             (
                 step.heading - self._half_turns,
