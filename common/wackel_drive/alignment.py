@@ -169,7 +169,8 @@ class Alignment:
             return None
         seconds = (end - begin) / 1e9
         # Filled as lists: numpy is slow with single numbers.
-        heading, steered, wheel_rate = ([math.nan] * self._n for _ in range(3))
+        nothing = [math.nan] * self._n
+        heading, steered, wheel_rate = nothing, nothing.copy(), nothing.copy()
         for i, joint, track in self._rolling:
             turned = track.turned(begin, end)
             if turned is not None:
@@ -185,14 +186,8 @@ class Alignment:
             if turned is not None:
                 gyro_rate[i] = turned / seconds
         self._advance(end)
-        return Step(
-            begin,
-            end,
-            np.array(heading),
-            np.array(steered),
-            np.array(wheel_rate),
-            np.array(gyro_rate),
-        )
+        wheels = np.array((heading, steered, wheel_rate))
+        return Step(begin, end, wheels[0], wheels[1], wheels[2], np.array(gyro_rate))
 
     def _next_end(self, begin: int) -> int | None:
         """Where the next step ends: at a sample of the first driven wheel that is not absent."""

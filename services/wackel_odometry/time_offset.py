@@ -85,7 +85,7 @@ class TimeOffset:
         off = block.gyro / block.seconds - omega
         row = np.array([rate, omega, 1.0])
         fade = math.exp(-block.seconds / MEMORY_S)
-        self._normal = fade * self._normal + np.outer(row, row) * block.seconds
+        self._normal = fade * self._normal + row[:, None] * row * block.seconds
         self._right = fade * self._right + row * (off * block.seconds)
         self._square = fade * self._square + off**2 * block.seconds
         self._count = fade * self._count + 1.0
