@@ -93,7 +93,7 @@ class Duplicates:
             self._chain.servo(place),
             0.9,
             servo.since,
-            f"{servo.wrecks} of its answers arrived as wrecks and none failed to come, while others"
-            " answer as they should",
+            f"{servo.wrecks} of its answers arrived as wrecks, hardly one intact or not at all,"
+            " while others answer as they should",
             {"wrecks": servo.wrecks},
         )

@@ -189,3 +189,15 @@ def test_a_slow_servo_among_quick_peers_is_told_by_requests_to_it_alone() -> Non
 
     assert repeat(25, round_of_pings) == []
     assert repeat(8, round_of_pings) == [("slow_servo", "bus/main/servo/3")]
+
+
+def test_stray_bytes_are_told_once_nothing_has_explained_them_for_a_while() -> None:
+    bus = Bus(3)
+    repeat(5, bus.read_all)
+    sparks = answer(1) + answer(2) + answer(3) + b"\xff\x00\xff\x12"
+    bus.read_all(sparks)
+    bus.read_all(sparks)
+    seconds = 1_000_000_000 // PERIOD
+    assert repeat(2 * seconds, bus.read_all) == []
+    assert repeat(2 * seconds, bus.read_all) == [("stray_data", "bus/main")]
+    assert repeat(2 * seconds, bus.read_all) == []
