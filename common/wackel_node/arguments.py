@@ -3,6 +3,7 @@
 import argparse
 from pathlib import Path
 
+from wackel_node import log
 from wackel_node.config import RobotConfig, load
 
 DEFAULT = Path("robot.toml")
@@ -27,3 +28,21 @@ def config_of(arguments: argparse.Namespace) -> RobotConfig:
     if arguments.config is not None:
         return load(arguments.config)
     return load(DEFAULT) if DEFAULT.exists() else RobotConfig()
+
+
+def configured(parser: argparse.ArgumentParser, argv: list[str], service: str) -> RobotConfig:
+    """The configuration of a service that has no arguments of its own; sets up its log, too.
+
+    Raises:
+        ConfigError: It cannot be used.
+    """
+    add_config(parser)
+    add_verbose(parser)
+    arguments = parser.parse_args(argv)
+    log.set_up(service, arguments.verbose)
+    return config_of(arguments)
+
+
+def add_verbose(parser: argparse.ArgumentParser) -> None:
+    """Adds ``--verbose``."""
+    parser.add_argument("--verbose", action="store_true", help="log more")

@@ -3,8 +3,8 @@
 import argparse
 import sys
 
-from wackel_node import log
-from wackel_node.arguments import add_config, config_of
+from wackel_node.arguments import configured
+from wackel_node.errors import OK
 
 
 def main(argv: list[str]) -> int:
@@ -16,16 +16,12 @@ def main(argv: list[str]) -> int:
         "late subscribers. Confirmed faults outlive a restart.",
         epilog="Ask it: `wackel echo health`, `wackel top`.",
     )
-    add_config(parser)
-    parser.add_argument("--verbose", action="store_true", help="log more")
-    arguments = parser.parse_args(argv)
-    log.set_up("aggregator", arguments.verbose)
-    config = config_of(arguments)
+    config = configured(parser, argv, "aggregator")
 
     from wackel_aggregator.service import run
 
     run(config)
-    return 0
+    return OK
 
 
 if __name__ == "__main__":

@@ -3,8 +3,7 @@
 import argparse
 import sys
 
-from wackel_node import log
-from wackel_node.arguments import add_config, config_of
+from wackel_node.arguments import configured
 from wackel_node.errors import OK
 
 _DESCRIPTION = """\
@@ -33,11 +32,7 @@ def main(argv: list[str]) -> int:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    add_config(parser)
-    parser.add_argument("--verbose", action="store_true", help="log more")
-    arguments = parser.parse_args(argv)
-    config = config_of(arguments)
-    log.set_up("classifier", arguments.verbose)
+    config = configured(parser, argv, "classifier")
 
     from wackel_classifier.service import run
 

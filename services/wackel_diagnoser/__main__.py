@@ -3,10 +3,10 @@
 import argparse
 import sys
 
-from wackel_node import log
 from wackel_node.algebra import single_threaded
-from wackel_node.arguments import add_config, config_of
+from wackel_node.arguments import configured
 from wackel_node.config import ConfigError
+from wackel_node.errors import OK
 
 
 def main(argv: list[str]) -> int:
@@ -20,11 +20,7 @@ def main(argv: list[str]) -> int:
         epilog="Look at it: `wackel echo residuals`. What it can tell apart on your robot: `wackel "
         "explain robot.toml`.",
     )
-    add_config(parser)
-    parser.add_argument("--verbose", action="store_true", help="log more")
-    arguments = parser.parse_args(argv)
-    log.set_up("diagnoser", arguments.verbose)
-    config = config_of(arguments)
+    config = configured(parser, argv, "diagnoser")
     if config.drive is None:
         raise ConfigError("robot.toml has no [drive]: list the wheels there to have them diagnosed")
 
@@ -32,7 +28,7 @@ def main(argv: list[str]) -> int:
     from wackel_diagnoser.service import run
 
     run(config, config.drive)
-    return 0
+    return OK
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ import argparse
 import sys
 
 from wackel_node import log
-from wackel_node.arguments import add_config, config_of
+from wackel_node.arguments import add_config, add_verbose, config_of
 from wackel_node.config import ConfigError, RobotConfig
 from wackel_node.errors import OK
 
@@ -40,7 +40,7 @@ def main(argv: list[str]) -> int:
     )
     add_config(parser)
     parser.add_argument("--bus", metavar="NAME", help="which bus; not needed if there is only one")
-    parser.add_argument("--verbose", action="store_true", help="log more")
+    add_verbose(parser)
     arguments = parser.parse_args(argv)
     config = config_of(arguments)
     bus = _bus(config, arguments.bus)

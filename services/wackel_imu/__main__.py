@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from wackel_node import log
-from wackel_node.arguments import add_config, config_of
+from wackel_node.arguments import add_config, add_verbose, config_of
 from wackel_node.config import ConfigError, RobotConfig
 from wackel_node.errors import OK
 
@@ -39,7 +39,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument(
         "--dev", metavar="DIR", type=Path, default=Path("/dev"), help="default: %(default)s"
     )
-    parser.add_argument("--verbose", action="store_true", help="log more")
+    add_verbose(parser)
     arguments = parser.parse_args(argv)
     config = config_of(arguments)
     name = _gyro(config, arguments.gyro)

@@ -3,10 +3,10 @@
 import argparse
 import sys
 
-from wackel_node import log
 from wackel_node.algebra import single_threaded
-from wackel_node.arguments import add_config, config_of
+from wackel_node.arguments import configured
 from wackel_node.config import ConfigError
+from wackel_node.errors import OK
 
 
 def main(argv: list[str]) -> int:
@@ -19,11 +19,7 @@ def main(argv: list[str]) -> int:
         "faults of the gyros.",
         epilog="Look at it: `wackel echo odometry`. Reset the pose: a query on odometry/request.",
     )
-    add_config(parser)
-    parser.add_argument("--verbose", action="store_true", help="log more")
-    arguments = parser.parse_args(argv)
-    log.set_up("odometry", arguments.verbose)
-    config = config_of(arguments)
+    config = configured(parser, argv, "odometry")
     if config.drive is None:
         raise ConfigError("robot.toml has no [drive]: list the wheels there to get odometry")
 
@@ -31,7 +27,7 @@ def main(argv: list[str]) -> int:
     from wackel_odometry.service import run
 
     run(config, config.drive)
-    return 0
+    return OK
 
 
 if __name__ == "__main__":
