@@ -121,6 +121,7 @@ class Hypotheses:
                 spread.append(share * self._of_gyro(name))
         for path, touched in (
             (component.DRIVE, self._ground()),
+            (component.DRIVE, self._dragging()),  # the same of a shove that hardly moves it
             (component.COMMAND, self._command()),
         ):
             each.append(Hypothesis((path,)))
@@ -191,7 +192,7 @@ class Hypotheses:
         touched = self._none()
         touched[: len(self._slide) + len(self._roll)] = SHOVED
         touched[list(self._rolling.values())] = SHOVED
-        touched[list(self._gyro.values())] = YAW_OFF
+        touched[list(self._gyro.values())] = GYRO_OFF
         return touched
 
     def _command(self) -> Floats:
