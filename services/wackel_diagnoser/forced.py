@@ -78,18 +78,23 @@ def observe(block: Block, rows: Rows) -> Observed | None:
     """A block of two steps or more; ``None`` if anything is missing."""
     gyros = np.array([measured.z[rows.gyros] for _, _, measured in block])
     first, last = block[0][1].twist, block[-1][1].twist
-    if not gyros.size or not all(measured.present.all() for _, _, measured in block):
+    present = np.array([measured.present for _, _, measured in block])
+    if not gyros.size or not present.all():
         return None
     vx, vy, omega = (0.5 * (first + last)).tolist()
     seconds = (block[-1][0].end - block[0][0].end) / 1e9
     return Observed(
-        np.mean([step.heading for step, _, _ in block], axis=0),
-        np.mean([target.heading for _, target, _ in block], axis=0),
-        np.mean([target.speed for _, target, _ in block], axis=0),
-        np.mean([measured.z[rows.rolls] for _, _, measured in block], axis=0),
+        _mean([step.heading for step, _, _ in block]),
+        _mean([target.heading for _, target, _ in block]),
+        _mean([target.speed for _, target, _ in block]),
+        _mean([measured.z[rows.rolls] for _, _, measured in block]),
         float(gyros.mean()),
         (last - first) / seconds + np.array([-omega * vy, omega * vx, 0.0]),
     )
+
+
+def _mean(values: list[Floats]) -> Floats:
+    return np.asarray(np.add.reduce(values) / len(values))
 
 
 class ForcedMotion:
