@@ -17,6 +17,8 @@ LONG_S = 20.0
 """For what is usual."""
 LEAST = 0.005
 """A, or share of the greatest load: resolution of the reading."""
+STALE_NS = 100_000_000
+"""A current that is older is that of a servo that does not answer."""
 LEARNT_S = 5.0
 """Of driving, from which on it is known what is usual."""
 
@@ -38,6 +40,8 @@ class Efforts:
                 places = self._by_bus.setdefault(joint.servo.bus, {})
                 places[joint.servo.id] = at, joint.sign
         self._current = [math.nan] * len(joints)
+        self._read = [0] * len(joints)
+        self._newest = 0
         self._torque: list[bool | None] = [None] * len(joints)
         self._unknown: Floats = np.full(len(joints), np.nan)
         self._usual = self._unknown
@@ -58,6 +62,7 @@ class Efforts:
             if place is not None:
                 at, sign = place
                 self._current[at] = sign * _effort(servo)
+                self._read[at] = self._newest = state.stamp
                 if servo.torque_enabled is not None:
                     self._torque[at] = servo.torque_enabled
 
@@ -105,7 +110,11 @@ class Efforts:
         if self._learnt_s < LEARNT_S:
             return None
         rolls = self._rolls
-        return np.array(self._current[:rolls]), self._needs, self._usual[:rolls]
+        current = [
+            amperes if self._newest - read <= STALE_NS else math.nan
+            for amperes, read in zip(self._current[:rolls], self._read[:rolls], strict=True)
+        ]
+        return np.array(current), self._needs, self._usual[:rolls]
 
     def off(self) -> list[bool]:
         """Which rolling motors are switched off while others are on."""
