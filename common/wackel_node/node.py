@@ -1,6 +1,5 @@
 """The life of a service: starting, ready, heartbeat, stopping on a signal, crashed with reason."""
 
-import gc
 import os
 import signal
 import time
@@ -11,6 +10,7 @@ from types import FrameType, TracebackType
 from typing import Literal, Self
 
 from wackel_node.config import RobotConfig
+from wackel_node.garbage import collect_rarely
 from wackel_node.journal import Journal
 from wackel_node.link import Link, Publisher
 from wackel_node.log import logger
@@ -77,9 +77,7 @@ class Node(Link):
 
     def ready(self) -> None:
         """Tells everyone, and systemd, that the service does its work from now on."""
-        # What exists by now stays; collecting garbage then costs microseconds, not milliseconds.
-        gc.collect()
-        gc.freeze()
+        collect_rarely()
         self._enter("ready")
         notify("READY=1")
         logger.info("ready")

@@ -19,6 +19,7 @@ from wackel_node.algebra import single_threaded
 from wackel_node.arguments import add_config
 from wackel_node.config import RobotConfig, load, parse
 from wackel_node.errors import FAILED, OK, Explained
+from wackel_node.garbage import collect_rarely
 from wackel_recording.reader import Entry, Recording, open_recordings
 from wackel_schemas.drive import Odometry
 from wackel_schemas.fault import FaultReport
@@ -98,6 +99,7 @@ def _replay(
 ) -> bool:
     """Whether nothing differs."""
     diagnosis = Diagnosis(_config(arguments, recording))
+    collect_rarely()
     started_s = time.monotonic()
     for message in diagnosis.run(_with_progress(recording.entries(diagnosis.wants), recording)):
         if isinstance(message, Odometry):
