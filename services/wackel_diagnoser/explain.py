@@ -92,13 +92,15 @@ def _notes(config: RobotConfig) -> list[str]:
             "under [gyros]"
         )
     notes.append(
-        "  a wheel that rolls freely looks sound: it shows only if its servo reports torque off"
+        "  a wheel that rolls freely looks sound: it shows if its servo reports torque off, or if "
+        "its current stays that of a motor alone while the others work"
     )
+    notes.append("  a wheel on ice does not show while the others hold the robot on its way")
     if steered:
         notes.append("  a steering that is blocked shows once it is told to turn")
         notes.append(
-            "  a steering whose zero is wrong shows in the gyro alone, if at all: after turns in "
-            "both directions"
+            "  a steering whose zero is wrong forces the robot aside; gyro and wheels show that "
+            "after some seconds of turns, later the more wheels there are"
             if config.gyros
             else "  a steering whose zero is wrong does not show without a gyro"
         )

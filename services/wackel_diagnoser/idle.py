@@ -1,8 +1,8 @@
-"""Motors that move nothing: the wheel has come off its shaft, or the motor is off and does not say.
+"""Motors that move nothing, since the wheel has come off its shaft.
 
-Such a wheel rolls as all others do; only its current shows it. A motor that drives needs current
+Such a wheel rolls as all others do; only the current shows it. A motor that drives needs current
 for friction, for its share of the robot's acceleration, and for what wheels push against each
-other. One that turns alone needs the first at most, while the others work.
+other. One that turns alone needs only the first, while the others work.
 """
 
 import math
@@ -66,7 +66,7 @@ class IdleMotors:
         alone, rest = current - friction, current - friction - inertia
         usual = np.maximum(usual, NOISE**2)
         active = alone * alone / usual
-        if not math.isfinite(float(active.sum())):
+        if not math.isfinite(float(active.sum() + rest.sum())):
             return
         self._awake += (active - self._awake) * min(1.0, seconds / AWAKE_S)
         # The laziest of the others says how much there is to do.
@@ -74,8 +74,7 @@ class IdleMotors:
         others = np.minimum(np.where(self._awake > lowest, lowest, second), 1.0)
         idle = NOISE**2 + (FRICTION * friction) ** 2
         driving = idle + usual * others
-        least = np.minimum(np.abs(alone), np.abs(current))
-        told = np.log(driving / idle) + rest * rest / driving - least * least / idle
+        told = np.log(driving / idle) + rest * rest / driving - alone * alone / idle
         self._sums += INDEPENDENT * np.clip(0.5 * told, -AGAINST, FOR)
         np.clip(self._sums, 0.0, MOST * self._limit, out=self._sums)
         self.found = [

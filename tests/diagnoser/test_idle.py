@@ -1,0 +1,84 @@
+"""Motors that move nothing, and what is no such motor."""
+
+import math
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from tests.diagnoser.rig import Rig
+from wackel_diagnoser.idle import IdleMotors
+from wackel_kinematics.array import Floats
+from wackel_schemas.fault import FaultReport
+
+NEEDS = np.array([0.15, 0.05])  # A by m/s, and by m/s²
+USUAL = np.full(4, 0.1**2)
+LOOK_S = 0.04
+
+
+def look(motors: IdleMotors, seconds: float, idle: int | None, work_a: float = 0.1) -> None:
+    """Lets motors drive at changing speed, all but one against each other."""
+    rng = np.random.default_rng(1)
+    push = np.zeros(4)
+    for step in range(round(seconds / LOOK_S)):
+        speed = np.full(4, 0.5 + 0.2 * math.sin(step * LOOK_S))
+        push = 0.9 * push + math.sqrt(1 - 0.9**2) * rng.normal(0.0, work_a, 4)
+        load = push + NEEDS[1] * 0.2 * math.cos(step * LOOK_S)
+        if idle is not None:
+            load[idle] = 0.0
+        current = NEEDS[0] * speed + load + rng.normal(0.0, 0.003, 4)
+        motors.step(LOOK_S, speed, current, NEEDS, USUAL)
+
+
+def test_a_motor_that_idles_while_others_work_is_found_and_heals() -> None:
+    motors = IdleMotors(4, 1 / LOOK_S)
+    look(motors, 5.0, idle=2)
+    assert motors.found == [False, False, True, False]
+    look(motors, 4.0, idle=None)
+    assert not any(motors.found)
+
+
+def test_motors_that_all_have_little_to_do_are_not_idle() -> None:
+    motors = IdleMotors(4, 1 / LOOK_S)
+    look(motors, 60.0, idle=None, work_a=0.002)
+    assert not any(motors.found)
+
+
+def test_motors_that_work_are_not_idle() -> None:
+    motors = IdleMotors(4, 1 / LOOK_S)
+    look(motors, 600.0, idle=None)
+    assert not any(motors.found)
+
+
+NUMBERS = st.floats(-1e3, 1e3) | st.sampled_from((math.nan, math.inf, -math.inf))
+
+
+@given(arrays(np.float64, 4, elements=NUMBERS), arrays(np.float64, 4, elements=NUMBERS))
+def test_nonsense_convicts_nobody(speed: Floats, current: Floats) -> None:
+    motors = IdleMotors(4, 1 / LOOK_S)
+    with np.errstate(all="ignore"):
+        for _ in range(3):
+            motors.step(LOOK_S, speed, current, NEEDS, USUAL)
+    assert not any(motors.found)
+    look(motors, 5.0, idle=2)
+    assert motors.found[2]
+
+
+def test_a_wheel_off_its_motor_is_named() -> None:
+    rig = Rig.of("tune/loose")
+    rig.drive(12.0)
+    assert rig.reports == []
+    rig.inject("wheel_loose", "w1")
+    rig.drive(5.0)
+    assert rig.active() == [("wheel_free", "wheel/w1/drive")]
+
+
+def test_servos_that_do_not_answer_are_not_blamed() -> None:
+    rig = Rig.of("tune/silent")
+    rig.drive(12.0)
+    for _ in range(800):
+        cycle = rig.simulation.step(*rig.path[rig.cycles].tolist())
+        rig.cycles += 1
+        cycle.state.servos = [each for each in cycle.state.servos if each.id not in (1, 101)]
+        assert [m for m in rig.feed(cycle) if isinstance(m, FaultReport)] == []
