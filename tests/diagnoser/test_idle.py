@@ -51,7 +51,7 @@ def test_motors_that_work_are_not_idle() -> None:
     assert not any(motors.found)
 
 
-NUMBERS = st.floats(-1e3, 1e3) | st.sampled_from((math.nan, math.inf, -math.inf))
+NUMBERS = st.floats(-1e3, 1e3) | st.just(math.nan)  # as they can come
 
 
 @given(arrays(np.float64, 4, elements=NUMBERS), arrays(np.float64, 4, elements=NUMBERS))
