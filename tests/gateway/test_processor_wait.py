@@ -63,7 +63,17 @@ def outcome(instruction: bytes, answers: bytes, took_ns: int) -> Outcome:
     chunks = [(took_ns, answers)] if answers else []
     taken = read.read(answers)
     return Outcome(
-        "background", instruction, read.expectation, 0, 0, chunks, taken, took_ns, took_ns, 0, 1_000_000
+        "background",
+        instruction,
+        read.expectation,
+        0,
+        0,
+        chunks,
+        taken,
+        took_ns,
+        took_ns,
+        0,
+        1_000_000,
     )
 
 
