@@ -11,6 +11,7 @@ from wackel_schemas.bus import BusCommand, BusState, BusStatistics, ServoState, 
 from wackel_schemas.drive import Exclusions, ImuSample, Odometry, TwistCommand
 from wackel_schemas.fault import FaultReport
 from wackel_schemas.health import Health, Heartbeat
+from wackel_schemas.inputs import Inputs
 from wackel_schemas.keys import topic_of
 from wackel_schemas.message import Message
 from wackel_schemas.residuals import Residuals
@@ -92,6 +93,9 @@ def _describe(message: Message) -> str:
                 f"at {message.x:+.3f} {message.y:+.3f} m, {message.theta:+.4f} rad  "
                 f"{_twist(message)}{doubt}"
             )
+        case Inputs():
+            keys = sorted({stream.key for stream in message.streams})
+            return f"took in {len(message.order)} messages of {', '.join(keys)}"
         case Exclusions():
             return "; ".join(f"{e.component} ({e.reason})" for e in message.excluded) or "none"
         case Residuals():

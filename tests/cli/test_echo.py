@@ -29,6 +29,7 @@ from wackel_schemas.bus import (
 from wackel_schemas.drive import Exclusion, Exclusions, ImuSample, Odometry, TwistCommand
 from wackel_schemas.fault import Evidence, FaultReport
 from wackel_schemas.health import Health, Heartbeat
+from wackel_schemas.inputs import Inputs, InputStream
 from wackel_schemas.keys import HEALTH, TOPICS
 from wackel_schemas.message import Message
 from wackel_schemas.residuals import HypothesisState, Residuals
@@ -138,6 +139,17 @@ MESSAGES: dict[str, tuple[Message, str]] = {
             repeated=True,
         ),
         "active cable_break bus/main/cable/3-7 (98%) (repeated): The cable is disconnected.",
+    ),
+    "inputs/odometry/main": (
+        Inputs(
+            stamp=1,
+            streams=[
+                InputStream(key="imu/body", boot=5, seq=7),
+                InputStream(key="bus/main/state", boot=4, seq=1),
+            ],
+            order=[0, 1, 0],
+        ),
+        "took in 3 messages of bus/main/state, imu/body",
     ),
     "health": (Health(stamp=1, level="fault", summary="1 fault"), "fault: 1 fault"),
     "alive/gateway/main": (
