@@ -309,7 +309,8 @@ class Diagnoser:
     def _watch_soundness(self, step: Step, target: Target, likelihood: Floats) -> None:
         """For how long the faulty part has shown that nothing is wrong with it."""
         hypotheses, verdict = self._hypotheses, self._sequential.verdict
-        evidence = float(likelihood[hypotheses.members[verdict]].max() - likelihood[0])
+        members = hypotheses.members
+        evidence = float(likelihood[members[verdict]].max() - likelihood[members[0]].max())
         before, self._target_before = self._target_before, target.heading
         shows = True
         for path in hypotheses.explanations[verdict]:
