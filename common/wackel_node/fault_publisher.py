@@ -17,8 +17,8 @@ class FaultPublisher:
     """Publishes fault reports: a change at once, and what is active once a second.
 
     Args:
-        node: Of the service; its journal is told before each change, so that a recording has what
-            a conclusion follows from even if the process is killed right after it.
+        node: Of the service; its journal is told with each change, so that a recording has what a
+            conclusion follows from even if the process is killed soon after it.
         source: As which it reports.
         active: Says what is active now.
     """
@@ -33,8 +33,8 @@ class FaultPublisher:
 
     def put(self, report: FaultReport) -> None:
         """A fault began, changed or healed."""
-        self._node.tell_inputs()
         self._faults.put(report)
+        self._node.tell_inputs()
         logger.info("%s: %s", report.status, report.message)
 
     def _repeat(self) -> None:

@@ -7,7 +7,6 @@ the thread that calls :meth:`Link.pump`, so services have one thread and need no
 import ctypes
 import json
 import math
-import os
 import queue
 import random
 import threading
@@ -53,14 +52,6 @@ _WARN_EVERY_S = 60.0
 _MAX_KEYS = 1024
 # An hour at 1 kHz is not lost between two messages; such a jump is a stranger's number.
 _STRANGE_JUMP = 3_600_000
-
-# Zenoh's own threads. It keeps an event loop for each kind of its work, with the link's socket in
-# one and its reader in another, so that every message woke a thread that woke the next. In one
-# loop, receiving costs a sixth less CPU. It needs several threads, for routing code blocks some
-# of them while links come and go; sending keeps its own, since that code waits for it.
-_ZENOH_THREADS = (
-    "(rx: (worker_threads: 4), net: (handover: rx), acc: (handover: rx), app: (handover: rx))"
-)
 
 # Tells the words of a service from Zenoh's own errors, such as its time-out.
 _REFUSAL = zenoh.Encoding.TEXT_PLAIN
@@ -119,7 +110,6 @@ def session(config: RobotConfig, role: Role) -> zenoh.Session:
             "period_max_ms": 500,
             "period_increase_factor": 2,
         }
-    os.environ.setdefault("ZENOH_RUNTIME", _ZENOH_THREADS)  # read once, by the first session
     zenoh_config = zenoh.Config()
     for key, value in settings.items():
         zenoh_config.insert_json5(key, json.dumps(value))

@@ -1,4 +1,4 @@
-"""What a service takes in is told before what it concludes from it."""
+"""What a service takes in is told with what it concludes from it."""
 
 import pytest
 
@@ -29,7 +29,7 @@ def report(seq: int) -> FaultReport:
     )
 
 
-def test_a_fault_comes_after_the_inputs_that_led_to_it_and_again_later(
+def test_a_fault_comes_with_the_inputs_that_led_to_it_and_again_later(
     rendezvous: Rendezvous,
 ) -> None:
     heard: list[Message] = []
@@ -54,7 +54,7 @@ def test_a_fault_comes_after_the_inputs_that_led_to_it_and_again_later(
         wait_until(lambda: commands.has_reader, meanwhile=turn)
         commands.put(BusCommand(stamp=1, goals=[]))
         wait_until(lambda: any(isinstance(m, FaultReport) and m.repeated for m in heard), 10, turn)
-    inputs, fault = heard[:2]
+    fault, inputs = heard[:2]
     assert isinstance(inputs, Inputs)
     assert inputs.seq == 0
     assert [(s.key, s.boot, s.seq) for s in inputs.streams] == [("bus/main/command", other.boot, 0)]

@@ -97,13 +97,6 @@ def test_heartbeats_are_numbered_within_a_boot(start: Start, witness: Witness) -
     assert [beat.seq for beat in witness.beats[:3]] == [first, first + 1, first + 2]
 
 
-def test_zenoh_shares_one_event_loop_but_for_sending(start: Start, witness: Witness) -> None:
-    process = start()
-    witness.wait_for("ready")
-    names = [task.read_text() for task in Path(f"/proc/{process.pid}/task").glob("*/comm")]
-    assert {name[:3] for name in names if name[2] == "-" or name[3] == "-"} == {"rx-", "tx-"}
-
-
 @pytest.mark.parametrize(
     ("deed", "reason"),
     [
