@@ -25,6 +25,13 @@ FOR = 2.0
 AGAINST = 30.0
 """Of one look's evidence: a motor that has nothing to do now may have in a moment, but one that
 pushes is not idle."""
+WORKS = 9.0
+"""How many times the noise, as squares, motors must usually need for it to be told that one does
+not: three standard deviations. On even ground at an even speed they do not."""
+LONG_S = 20.0
+BURST = 9.0
+"""What is usual is followed over so long; what is more than so many times that counts as so much,
+for a wheel that was blocked for a second does not usually push as hard."""
 MOST = 1.5
 """Evidence by what is needed, beyond which no more is gathered, so that it can heal."""
 
@@ -46,6 +53,7 @@ class IdleMotors:
         self._sums = np.zeros(count)
         self._awake = np.zeros(count)
         self._before: Floats | None = None
+        self._usual: Floats | None = None
 
     def step(
         self, seconds: float, speed: Floats, current: Floats, needs: Floats, usual: Floats
@@ -57,17 +65,19 @@ class IdleMotors:
             speed: At which each should roll, m/s.
             current: Of each motor, A or share of load; NaN if unknown.
             needs: What friction needs by speed, and mass by acceleration.
-            usual: Mean square of what each needs beyond that.
+            usual: Mean square of what each needs beyond that, as far as is known by now.
         """
         before, self._before = self._before, speed
         if before is None or len(speed) < 2:
             return
         friction, inertia = needs[0] * speed, needs[1] * (speed - before) / seconds
         alone, rest = current - friction, current - friction - inertia
-        usual = np.maximum(usual, NOISE**2)
-        active = alone * alone / usual
-        if not math.isfinite(float(active.sum() + rest.sum())):
+        if not math.isfinite(float(alone.sum() + rest.sum() + usual.sum())):
             return
+        usual = self._usual = self._follow(
+            usual if self._usual is None else self._usual, rest, seconds
+        )
+        active = alone * alone / np.maximum(usual, NOISE**2)
         self._awake += (active - self._awake) * min(1.0, seconds / AWAKE_S)
         # The laziest of the others says how much there is to do.
         lowest, second = np.sort(self._awake)[:2]
@@ -75,9 +85,16 @@ class IdleMotors:
         idle = NOISE**2 + (FRICTION * friction) ** 2
         driving = idle + usual * others
         told = np.log(driving / idle) + rest * rest / driving - alone * alone / idle
+        told[(usual < WORKS * NOISE**2) & (told > 0.0)] = 0.0
         self._sums += INDEPENDENT * np.clip(0.5 * told, -AGAINST, FOR)
         np.clip(self._sums, 0.0, MOST * self._limit, out=self._sums)
         self.found = [
             bool(total > (0.5 if known else 1.0) * self._limit)
             for total, known in zip(self._sums.tolist(), self.found, strict=True)
         ]
+
+    def _follow(self, usual: Floats, rest: Floats, seconds: float) -> Floats:
+        """What is usual, from what motors need now; that of one without a wheel stays."""
+        seen = np.minimum(rest * rest, BURST * np.maximum(usual, NOISE**2))
+        share = min(1.0, seconds / LONG_S)
+        return np.where(self.found, usual, usual + share * (seen - usual))
