@@ -51,6 +51,27 @@ def test_motors_that_work_are_not_idle() -> None:
     assert not any(motors.found)
 
 
+def drive_evenly(motors: IdleMotors, seconds: float, blocked: int | None = None) -> None:
+    """On even ground at an even speed, where motors need little but for friction."""
+    rng = np.random.default_rng(2)
+    push = np.zeros(4)
+    for _ in range(round(seconds / LOOK_S)):
+        push = 0.98 * push + math.sqrt(1 - 0.98**2) * rng.normal(0.0, 0.009, 4)
+        current = NEEDS[0] * 0.3 + push + rng.normal(0.0, 0.003, 4)
+        if blocked is not None:
+            current[blocked] = 1.2
+        motors.step(LOOK_S, np.full(4, 0.3), current, NEEDS, np.full(4, 0.009**2))
+
+
+def test_motors_that_hardly_work_are_not_idle_nor_is_one_that_was_blocked() -> None:
+    motors = IdleMotors(4, 1 / LOOK_S)
+    drive_evenly(motors, 300.0)
+    assert not any(motors.found)
+    drive_evenly(motors, 1.0, blocked=1)
+    drive_evenly(motors, 300.0)
+    assert not any(motors.found)
+
+
 NUMBERS = st.floats(-1e3, 1e3) | st.just(math.nan)  # as they can come
 
 
