@@ -13,6 +13,7 @@ from statistics import median, median_low
 from wackel_classifier.chain import Chain
 from wackel_classifier.findings import Finding
 from wackel_classifier.symptoms import BITS_PER_BYTE
+from wackel_protocols.dynamixel2.expectation import SLOWEST_NS
 from wackel_schemas import component
 
 SAMPLES = 16
@@ -35,9 +36,6 @@ LEAST_LATE_NS = 60_000
 """What can be told apart from the scatter of a quiet host."""
 SCATTER = 8.0
 """How many median deviations late is: five standard deviations of a normal distribution."""
-SLOWEST_NS = 1_200_000
-"""No servo at work needs longer: Return Delay Time at most 508 µs, processing and USB frame some
-600 µs more (thesis, 2.7: 672 µs with a delay of 500 µs; 1000 µs with a latency timer of 1 ms)."""
 DRIFT_NS = 30_000
 """A slow change that is told: half of what is late at once. Page's test (CUSUM) for a shift by this
 adds up what exceeds half of it."""

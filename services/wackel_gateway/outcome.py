@@ -7,11 +7,8 @@ from itertools import accumulate
 
 from wackel_gateway.patience import BITS_PER_BYTE
 from wackel_protocols.dynamixel2.answers import Answers, reader
-from wackel_protocols.dynamixel2.expectation import Expectation
+from wackel_protocols.dynamixel2.expectation import SLOWEST_NS, Expectation
 from wackel_schemas.bus import Chunk, Purpose, ResponseTime, Transaction
-
-_SLOWEST_NS = 1_200_000
-"""No servo at work needs longer: Return Delay Time at most 508 µs, processing and USB the rest."""
 
 
 @dataclass(slots=True)
@@ -51,15 +48,13 @@ class Outcome:
         return len(chunks[0][1]) if len(chunks) == 1 else sum(len(data) for _, data in chunks)
 
     @property
-    def late_ns(self) -> int:
-        """How long the answer of the only servo that was asked took beyond its time on the wire, if
-        that is longer than any servo needs; else 0.
-        """
+    def late(self) -> bool:
+        """Whether the answer of the only servo that was asked took longer than any servo needs."""
         if len(self.expectation.ids) != 1 or not self.chunks:
-            return 0
+            return False
         took_ns = self.chunks[-1][0] - self.sent_ns
         took_ns -= self.received_bytes * BITS_PER_BYTE * 1_000_000_000 // self.baud_rate
-        return took_ns if took_ns > _SLOWEST_NS else 0
+        return took_ns > SLOWEST_NS
 
     def message(self, offset_ns: int) -> Transaction:
         """As published; ``offset_ns`` leads from the monotonic clock to UTC."""

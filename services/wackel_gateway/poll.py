@@ -92,7 +92,7 @@ class Poller:
                 if late is not None:
                     self._reporter.publish(late)
                 self._unpublished = outcome = exchange.gather()
-                if outcome.late_ns:
+                if outcome.late:
                     waited_ns = self._processor_wait.total_ns() - waited_before_ns
                     outcome.host_lag_ns = max(outcome.host_lag_ns, waited_ns)
                 self._done(job, outcome)

@@ -27,6 +27,10 @@ FAST_PREFIX_BYTES = 8
 FAST_BLOCK_BYTES = 4
 """Error, id and CRC of one servo in a fast answer, beside its data."""
 
+SLOWEST_NS = 1_200_000
+"""No servo at work needs longer: Return Delay Time at most 508 µs, processing and USB frame some
+600 µs more (thesis, 2.7: 672 µs with a delay of 500 µs; 1000 µs with a latency timer of 1 ms)."""
+
 
 @dataclass(frozen=True)
 class Expectation:
