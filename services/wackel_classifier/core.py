@@ -25,6 +25,7 @@ from wackel_node.config import BusConfig, ClassifierConfig
 from wackel_protocols.dynamixel2.answers import Answers, Status
 from wackel_protocols.dynamixel2.packet import (
     ALERT,
+    MAX_ID,
     PREFIX_BYTES,
     STATUS_BYTES,
     Instruction,
@@ -144,7 +145,9 @@ class BusClassifier:
             self._requests.forget()
         request = self._requests.make(instruction, expected)
         if not request.expectation.broadcast_ping:
-            self._devices.update(i for i in expected if i not in self._chain.position)
+            # Strangers may name any number; only so many are ids.
+            others = (i for i in expected if i not in self._chain.position)
+            self._devices.update(i for i in others if 0 <= i <= MAX_ID)
         return request
 
     # A closer look.
