@@ -4,7 +4,7 @@ Time is the stamps of the messages, so a recording gives the same as the robot.
 """
 
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping
 
 import numpy as np
@@ -479,7 +479,10 @@ class Diagnoser:
         sigma = np.sqrt(variance).tolist()
         scale = np.sqrt(self._sensors.factors).tolist()
         posterior = self._sequential.posterior()
-        likeliest = np.argsort(posterior)[::-1][:SHOWN].tolist()
+        shown: Counter[tuple[tuple[str, ...], Class]] = Counter()
+        for hypothesis, probability in zip(hypotheses.each, posterior.tolist(), strict=True):
+            # How far a fault spoils the rows, of which there are several ways, is not told.
+            shown[hypothesis.components, hypothesis.kind] += probability
         gyro = measured.z[rows.gyros][measured.present[rows.gyros]]
         judged = self._paper.judge(
             drive.steering(step.heading),
@@ -504,11 +507,9 @@ class Diagnoser:
             ],
             hypotheses=[
                 HypothesisState(
-                    components=list(hypotheses.each[i].components),
-                    fault=hypotheses.each[i].kind,
-                    probability=float(posterior[i]),
+                    components=list(components), fault=kind, probability=min(probability, 1.0)
                 )
-                for i in likeliest
+                for (components, kind), probability in shown.most_common(SHOWN)
             ],
             alarm=self._sequential.alarm,
             verdict=list(hypotheses.explanations[self._sequential.verdict]),

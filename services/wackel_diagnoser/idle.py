@@ -65,7 +65,8 @@ class IdleMotors:
             speed: At which each should roll, m/s.
             current: Of each motor, A or share of load; NaN if unknown.
             needs: What friction needs by speed, and mass by acceleration.
-            usual: Mean square of what each needs beyond that, as far as is known by now.
+            usual: Mean square of what each needs beyond that, as known before the first look; later
+                ones follow it on their own.
         """
         before, self._before = self._before, speed
         if before is None or len(speed) < 2:
