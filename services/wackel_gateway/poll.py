@@ -24,6 +24,9 @@ from wackel_schemas.wire import Rejected
 
 _LOOK_S = 0.2  # at a rate of few cycles a second, a port that is gone shall still show at once
 _PUMP_NS = 5_000_000  # where cycles leave no pause, the node's messages get a turn so often
+_TRAVELS_WITHIN_NS = 20_000_000
+"""Each message wakes every service, which costs more than what it says; one that is not urgent
+travels with those of the next cycle if that comes so soon."""
 _OF_A_CYCLE = (Stage.COMMAND, Stage.CYCLE, Stage.PLAIN, Stage.REST, Stage.DEVICE)
 
 
@@ -54,6 +57,8 @@ class Poller:
         self._processor_wait = ProcessorWait()
         self._exchange: Exchange | None = None
         self._unpublished: Outcome | None = None
+        self._brisk = config.rate * _TRAVELS_WITHIN_NS >= 1e9
+        self._travelling: list[Outcome] = []  # in order; published with the next that cannot wait
         self._models: dict[int, int | None] = {}
         self._alerts = False  # whether any servo has ever set an error byte
         self._cycle = 0
@@ -90,6 +95,7 @@ class Poller:
                 # The time on the wire is used to publish what came before.
                 self._publish()
                 if late is not None:
+                    self._publish_all()
                     self._reporter.publish(late)
                 self._unpublished = outcome = exchange.gather()
                 if outcome.late:
@@ -98,11 +104,33 @@ class Poller:
                 self._done(job, outcome)
         finally:
             self._exchange = None
-            self._publish()
+            self._publish_all()
 
     def _publish(self) -> None:
+        """Publishes the last outcome, and those that travel with it, unless it can wait itself."""
         outcome, self._unpublished = self._unpublished, None
-        if outcome is not None:
+        if outcome is None:
+            return
+        self._travelling.append(outcome)
+        if not self._can_wait(outcome):
+            self._publish_all()
+
+    def _can_wait(self, outcome: Outcome) -> bool:
+        answers = outcome.answers
+        return (
+            self._brisk
+            and outcome.purpose == "background"
+            and answers.clean
+            and not answers.has_errors
+            and outcome.ended_ns - self._travelling[0].ended_ns < _TRAVELS_WITHIN_NS
+        )
+
+    def _publish_all(self) -> None:
+        if self._unpublished is not None:
+            self._travelling.append(self._unpublished)
+            self._unpublished = None
+        outcomes, self._travelling = self._travelling, []
+        for outcome in outcomes:
             self._reporter.publish(outcome)
             # Before the first error byte there is none that could end.
             self._alerts = self._alerts or outcome.answers.has_errors
@@ -168,7 +196,7 @@ class Poller:
 
     def _request(self, request: BusRequest) -> BusReply:
         """Runs between two transactions: the node's handlers are only called there."""
-        self._publish()
+        self._publish_all()
         now = self._node.clock.now_ns()
         try:
             if self._exchange is None:

@@ -45,6 +45,27 @@ def test_slow_registers_come_between_the_cycles(bus: Bus, start_gateway: StartGa
     gateway.wait_until(told)
 
 
+@pytest.mark.parametrize("rate", [20.0, 100.0])
+def test_whatever_travels_with_what_is_told_in_the_order_of_the_bus(
+    bus: Bus, start_gateway: StartGateway, rate: float
+) -> None:
+    gateway = start_gateway(msgspec.structs.replace(bus.config, rate=rate))
+    gateway.wait_until(gateway.answering(IDS))
+    # Alone, with a silent servo's pings between, and through a request.
+    gateway.wait_until(lambda: sum(t.purpose == "background" for t in gateway.transactions) > 20)
+    bus.inject("silent", servo=3)
+    gateway.wait_until(lambda: sum(t.purpose == "ping" for t in gateway.transactions) > len(IDS))
+    reply = gateway.link.ask(
+        keys.BUS_REQUEST, BusRequest(operation="ping", id=1), timeout_s=5.0, bus="main"
+    )
+    assert reply.ok, reply.text
+    gateway.wait_until(lambda: gateway.transactions[-1].purpose == "background")
+    stamps = [t.stamp for t in gateway.transactions]
+    assert stamps == sorted(stamps)
+    numbers = [t.seq for t in gateway.transactions]
+    assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+
+
 def test_a_silent_servo_costs_the_others_at_most_one_cycle(
     bus: Bus, start_gateway: StartGateway
 ) -> None:
