@@ -15,19 +15,11 @@ from wackel_node.config_errors import first_problem
 from wackel_node.config_types import Name, Positive, Section, ServoId, Share
 from wackel_node.errors import USAGE, Explained
 from wackel_node.toml_text import toml_text
-
-# What servos of protocol 2.0 can be set to; the two highest only the P series.
-BAUD_RATES = (
-    9600,
-    57600,
-    115200,
-    1_000_000,
-    2_000_000,
-    3_000_000,
-    4_000_000,
-    4_500_000,
-    6_000_000,
-    10_500_000,
+from wackel_protocols.dynamixel2.control_table import (
+    BAUD_RATES,
+    UnknownModel,
+    baud_rate_register,
+    configured,
 )
 
 Endpoint = Annotated[
@@ -229,6 +221,17 @@ def _check(config: RobotConfig, name: str) -> None:
             raise ConfigError(
                 f"{where}.servos: id {doubled[0]} stands there twice; every id is used once a bus"
             )
+        for number, servo in enumerate(bus.servos):
+            try:
+                model = configured(servo.model)
+            except UnknownModel as error:
+                raise ConfigError(f"{where}.servos[{number}].model: {error}") from error
+            _, highest = model.registers["baud_rate"].bounds
+            if baud_rate_register(bus.baud_rate) > highest:
+                raise ConfigError(
+                    f"{where}.baud_rate = {bus.baud_rate}: servo {servo.id}, a {model.name}, "
+                    f"does not go beyond {BAUD_RATES[highest]}"
+                )
         if bus.mode == "proxy" and not bus.proxy_port:
             raise ConfigError(
                 f"{where}.proxy_port is missing: mode = 'proxy' needs the path at which your "

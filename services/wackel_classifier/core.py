@@ -31,7 +31,6 @@ from wackel_protocols.dynamixel2.packet import (
     Instruction,
     InstructionPacket,
 )
-from wackel_protocols.dynamixel2.tables import Series
 from wackel_schemas.bus import Transaction
 from wackel_schemas.fault import FaultReport
 
@@ -63,7 +62,7 @@ class BusClassifier:
         chain = self._chain = Chain(bus, config)
         self._requests = Requests(chain, config.servos)
         models = self._requests.models
-        series = [Series.X if model is None else model.series for model in models]
+        series = [model.series for model in models]
         self._reach = Reach(chain)
         self._jammers = Jammers(bus)
         self._losses = Losses(chain, limits)

@@ -55,7 +55,7 @@ class _Servo:
 class Frozen:
     """Follows measured values and goals."""
 
-    def __init__(self, chain: Chain, models: list[Model | None]) -> None:
+    def __init__(self, chain: Chain, models: list[Model]) -> None:
         self._chain = chain
         self._models = models
         self._servos = [_Servo() for _ in range(len(chain))]
@@ -149,8 +149,6 @@ class Frozen:
     def _written(self, position: int, address: int, data: bytes) -> bool:
         """Whether what was written is a goal or switches torque."""
         model = self._models[position]
-        if model is None:
-            return False
         for name in ("goal_position", "goal_velocity"):
             register = model.registers.get(name)
             if register and register.address == address and register.length == len(data):

@@ -12,13 +12,7 @@ from typing import NamedTuple
 from wackel_classifier.chain import Chain
 from wackel_node.config import ServoConfig
 from wackel_protocols.dynamixel2.answers import AnswerReader
-from wackel_protocols.dynamixel2.control_table import (
-    Model,
-    Register,
-    UnknownModel,
-    generic,
-    model,
-)
+from wackel_protocols.dynamixel2.control_table import Model, Register, configured
 from wackel_protocols.dynamixel2.expectation import FAST_PREFIX_BYTES, Expectation, expect
 from wackel_protocols.dynamixel2.packet import (
     ALERT,
@@ -28,7 +22,6 @@ from wackel_protocols.dynamixel2.packet import (
     PacketError,
     decode,
 )
-from wackel_protocols.dynamixel2.tables import Series
 
 WATCHED = (
     "return_delay_time",
@@ -175,7 +168,7 @@ class Requests:
 
     def __init__(self, chain: Chain, servos: Sequence[ServoConfig]) -> None:
         self._chain = chain
-        self.models = [configured_model(servo.model) for servo in servos]
+        self.models = [configured(servo.model) for servo in servos]
         self._known: dict[bytes, Request] = {}
 
     @property
@@ -226,17 +219,6 @@ class Requests:
             velocity = _within(servo, "present_velocity", address, length)
             asked[servo_id] = Asked(position, tuple(f for f in fields if f), motion, velocity)
         return asked
-
-
-def configured_model(name: str) -> Model | None:
-    """The control table of a model or series; None if neither is known by this name."""
-    try:
-        return model(name)
-    except UnknownModel:
-        try:
-            return generic(Series(name.upper()))
-        except (UnknownModel, ValueError):
-            return None
 
 
 def _is_read(instruction: bytes) -> bool:

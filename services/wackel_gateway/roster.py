@@ -3,9 +3,8 @@
 from contextlib import suppress
 from dataclasses import dataclass
 
-from wackel_node.config import ConfigError, ServoConfig
-from wackel_protocols.dynamixel2.control_table import Model, UnknownModel, generic, model
-from wackel_protocols.dynamixel2.tables import Series
+from wackel_node.config import ServoConfig
+from wackel_protocols.dynamixel2.control_table import Model, UnknownModel, configured, model
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class Member:
 
     def __init__(self, config: ServoConfig) -> None:
         self.id = config.id
-        self.configured = configured_model(config.model)
+        self.configured = configured(config.model)
         self.model = self.configured
         self.model_number: int | None = None
         self.firmware: int | None = None
@@ -73,11 +72,7 @@ class Member:
 
 
 class Roster:
-    """The servos of a bus in cable order.
-
-    Raises:
-        ConfigError: A configured model is in no control table.
-    """
+    """The servos of a bus in cable order."""
 
     def __init__(self, servos: list[ServoConfig]) -> None:
         self.members = {servo.id: Member(servo) for servo in servos}
@@ -86,14 +81,3 @@ class Roster:
         """The control table of a servo; absent if the id is not configured."""
         member = self.members.get(servo_id)
         return None if member is None else member.model
-
-
-def configured_model(name: str) -> Model:
-    """The control table of a model name, or of a series where that is given instead."""
-    try:
-        return model(name)
-    except UnknownModel as unknown:
-        try:
-            return generic(Series(name.upper()))
-        except (ValueError, UnknownModel):
-            raise ConfigError(f"servos: model = {name!r}: {unknown}") from unknown

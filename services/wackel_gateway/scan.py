@@ -18,9 +18,10 @@ from serial.tools import list_ports
 from wackel_gateway.port import Port, PortLost
 from wackel_gateway.survey import ALL_IDS, Found, Survey
 from wackel_node import log
-from wackel_node.config import BAUD_RATES, BusConfig, RobotConfig, ServoConfig
+from wackel_node.config import BusConfig, RobotConfig, ServoConfig
 from wackel_node.errors import FAILED, OK, USAGE, Explained
 from wackel_node.toml_text import toml_text
+from wackel_protocols.dynamixel2.control_table import BAUD_RATES
 
 _DESCRIPTION = """\
 Looks for Dynamixel servos: pings at every baud rate and lists who answers.

@@ -28,7 +28,7 @@ def run(scenario: Scenario) -> None:
     """Runs the virtual robot, and answers requests over Zenoh, until a signal ends it.
 
     Raises:
-        ConfigError: A port cannot be made, or a model is not known.
+        ConfigError: A port cannot be made.
         ImportError: MuJoCo is wanted and not installed.
     """
     config = scenario.config

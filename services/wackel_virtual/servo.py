@@ -6,15 +6,12 @@ control tables of the X series. Times are ns and come as arguments.
 
 from random import Random
 
-from wackel_node.config import ConfigError, ServoConfig
+from wackel_node.config import ServoConfig
 from wackel_protocols.dynamixel2.control_table import (
-    Model,
     Register,
-    UnknownModel,
     baud_rate,
     baud_rate_register,
-    generic,
-    model,
+    configured,
 )
 from wackel_protocols.dynamixel2.packet import (
     ALERT,
@@ -82,9 +79,6 @@ class Servo:
         knows_fast_read: Whether the firmware knows fast sync and bulk read.
         deaf_until_ns: It is starting until then.
         recommended_volts: Supply that it is made for.
-
-    Raises:
-        ConfigError: Unknown model, or a baud rate that the model does not have.
     """
 
     def __init__(
@@ -96,7 +90,7 @@ class Servo:
         return_delay_us: int | None = None,
         firmware: int | None = None,
     ) -> None:
-        self._model = _model_of(config)
+        self._model = configured(config.model)
         self._firmware = FIRMWARE if firmware is None else firmware
         first_fast = self._model.fast_sync_read_firmware
         self.knows_fast_read = first_fast is not None and self._firmware >= first_fast
@@ -119,7 +113,7 @@ class Servo:
         self.deaf_until_ns = 0
         self._reset_eeprom()
         table.put("id", config.id)
-        table.put("baud_rate", _baud_rate_value(baud_rate, table.registers["baud_rate"], config))
+        table.put("baud_rate", baud_rate_register(baud_rate))
         if return_delay_us is not None:
             table.put("return_delay_time", return_delay_us // 2)
         low, high = table.get("min_voltage_limit") / 10, table.get("max_voltage_limit") / 10
@@ -458,25 +452,3 @@ class Servo:
         self._motion.unwind(
             self._model.resolution * self._table.registers["present_position"].scale
         )
-
-
-def _model_of(config: ServoConfig) -> Model:
-    """The model, or the stand-in of its series where only that is given."""
-    if config.model in tuple(Series):
-        return generic(Series(config.model))
-    try:
-        return model(config.model)
-    except UnknownModel as error:
-        raise ConfigError(f"servo {config.id}: {error}") from error
-
-
-def _baud_rate_value(bits_per_second: int, register: Register, config: ServoConfig) -> int:
-    try:
-        value = baud_rate_register(bits_per_second)
-    except ValueError as error:
-        raise ConfigError(f"servo {config.id}: {error}") from error
-    if value > register.bounds[1]:
-        raise ConfigError(
-            f"servo {config.id}: a {config.model} cannot run at {bits_per_second} bit/s"
-        )
-    return value

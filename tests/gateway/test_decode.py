@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from wackel_gateway.decode import Decoder, blocks_read
 from wackel_gateway.roster import Block, Roster
-from wackel_node.config import ConfigError, ServoConfig
+from wackel_node.config import ServoConfig
 from wackel_protocols.dynamixel2 import packet
 from wackel_protocols.dynamixel2.answers import AnswerReader, Answers, Status, reader
 from wackel_protocols.dynamixel2.expectation import Expectation, expect
@@ -126,12 +126,6 @@ def test_a_servo_is_what_it_says_and_an_unknown_number_changes_nothing() -> None
     assert (member.model.name, member.knows_fast_sync_read) == ("XM430-W350", True)
     member.identify(54321, 1)
     assert (member.model.name, member.model_number) == ("XM430-W350", 54321)
-
-
-def test_a_model_may_be_a_series_and_must_be_known() -> None:
-    assert Roster([ServoConfig(id=1, model="X330")]).members[1].model.name == "generic X330"
-    with pytest.raises(ConfigError, match="'XM999'"):
-        Roster([ServoConfig(id=1, model="XM999")])
 
 
 @pytest.mark.parametrize("fast", [False, True])

@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wackel_node.config import (
-    BAUD_RATES,
     BusConfig,
     ConfigError,
     LooseContactConfig,
@@ -190,5 +189,27 @@ def test_values_without_a_place_in_a_configuration_are_told() -> None:
         parse("robot = 1979-05-27")
 
 
-def test_a_bus_may_run_at_every_rate_that_a_servo_can_be_set_to() -> None:
-    assert BAUD_RATES == control_table.BAUD_RATES
+def test_a_model_that_is_in_no_table_is_told_with_what_is_similar() -> None:
+    servo = '[[buses.a.servos]]\nid = 1\nmodel = "XM430-W21"'
+    with pytest.raises(ConfigError, match=r"buses\.a\.servos\[0\]\.model: .*XM430-W210"):
+        parse(f'[buses.a]\nport = "/dev/x"\n{servo}')
+
+
+@given(name=st.text(max_size=12))
+def test_any_model_name_is_taken_or_refused(name: str) -> None:
+    text = dump(
+        RobotConfig(buses={"a": BusConfig(port="p", servos=[ServoConfig(id=1, model=name)])})
+    )
+    try:
+        model = control_table.configured(parse(text).buses["a"].servos[0].model)
+    except ConfigError as error:
+        assert "servos[0].model" in str(error)
+    else:
+        assert model.registers
+
+
+def test_a_bus_is_not_faster_than_its_servos() -> None:
+    servo = '[[buses.a.servos]]\nid = 1\nmodel = "XL-320"'
+    with pytest.raises(ConfigError, match=r"baud_rate = 3000000: servo 1, a XL-320, .* 1000000"):
+        parse(f'[buses.a]\nport = "/dev/x"\nbaud_rate = 3_000_000\n{servo}')
+    assert parse(f'[buses.a]\nport = "/dev/x"\n{servo}').buses["a"].ids() == (1,)

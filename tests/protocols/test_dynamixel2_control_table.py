@@ -11,6 +11,7 @@ from wackel_protocols.dynamixel2 import Register, Series, UnknownModel, model
 from wackel_protocols.dynamixel2.control_table import (
     baud_rate,
     baud_rate_register,
+    configured,
     generic,
     models,
 )
@@ -392,3 +393,11 @@ def test_hardware_errors_are_named_by_series() -> None:
     assert hardware_errors(0b10) == ["unknown bit 1"]
     assert hardware_errors(0b10, Series.P) == ["motor Hall sensor"]
     assert hardware_errors(0b101, Series.XL320) == ["overload", "input voltage"]
+
+
+def test_a_configured_model_may_be_a_series_and_must_be_known() -> None:
+    assert configured("x330").name == "generic X330"
+    assert configured("xm430-w210-t").name == "XM430-W210"
+    for nobodys in ("XM999", "P", ""):
+        with pytest.raises(UnknownModel):
+            configured(nobodys)

@@ -108,7 +108,7 @@ def test_a_scenario_may_have_a_second_adapter_that_only_listens():
 
 def test_an_unknown_model_is_named_with_its_bus():
     text = "[buses.a]\nport = 'a'\nservos = [{ id = 1, model = 'XM999' }]"
-    with pytest.raises(ConfigError, match=r"buses\.a: servo 1: no model"):
+    with pytest.raises(ConfigError, match=r"buses\.a\.servos\[0\]\.model: no model"):
         scenario.parse_scenario(text).make()
 
 

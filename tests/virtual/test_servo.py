@@ -5,7 +5,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.virtual.material import MS, ask, ask_one, bus, chain, ids, statuses
-from wackel_node.config import BusConfig, ConfigError, ServoConfig
 from wackel_protocols.dynamixel2 import packet
 from wackel_protocols.dynamixel2.control_table import model, models
 from wackel_protocols.dynamixel2.packet import FactoryReset, InstructionPacket
@@ -43,20 +42,6 @@ def test_every_model_of_the_control_tables_answers_a_ping_with_its_number(name):
     status = ask_one(on, packet.ping(1))
     assert int.from_bytes(status.parameters[:2], "little") == model(name).number
     assert status.error == 0
-
-
-def test_a_model_that_nobody_knows_is_refused_by_name():
-    config = BusConfig(port="unused", servos=[ServoConfig(id=3, model="XM431")])
-    with pytest.raises(ConfigError, match="servo 3: no model is called 'XM431'"):
-        VirtualBus(config)
-
-
-def test_a_baud_rate_that_the_model_does_not_have_is_refused():
-    config = BusConfig(
-        port="unused", baud_rate=4_000_000, servos=[ServoConfig(id=1, model="XL-320")]
-    )
-    with pytest.raises(ConfigError, match="XL-320 cannot run at 4000000"):
-        VirtualBus(config)
 
 
 def test_a_series_in_place_of_a_model_gives_its_stand_in():

@@ -218,6 +218,16 @@ def generic(series: Series) -> Model:
     )
 
 
+def configured(name: str) -> Model:
+    """A model as people write it into a configuration: its name, or that of its series.
+
+    Raises :class:`UnknownModel`, with what is similar.
+    """
+    if name.upper() in tuple(Series):
+        return generic(Series(name.upper()))
+    return model(name)
+
+
 def baud_rate(raw: int) -> int:
     """Bit/s of a value of the Baud Rate register. Raises ValueError for an unknown one."""
     if not 0 <= raw < len(BAUD_RATES):
