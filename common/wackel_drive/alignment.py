@@ -119,7 +119,11 @@ class Alignment:
             if not believed and not self._fits(stamp, bus):
                 return False
             believed = True
-            if not (_within(position, MOST_ANGLE) and _within(velocity, MOST_RATE)):
+            # Not so of NaN, which no comparison holds for.
+            if not (
+                (position is None or -MOST_ANGLE <= position <= MOST_ANGLE)
+                and (velocity is None or -MOST_RATE <= velocity <= MOST_RATE)
+            ):
                 self._refuse(component.servo(bus, servo.id), "implausible")
                 continue
             arrival = track.add(stamp, position, velocity, self._done or 0)
@@ -142,7 +146,8 @@ class Alignment:
         axis, sign = self._axes[name]
         rate = sign * sample.angular_velocity[axis]
         path, stamp, done = component.gyro(name), sample.stamp, self._done
-        if not all(_within(value, MOST_RATE) for value in sample.angular_velocity):
+        # Not so of NaN, which no comparison holds for.
+        if not all(-MOST_RATE <= value <= MOST_RATE for value in sample.angular_velocity):
             self._refuse(path, "implausible")
             return None
         if done is not None and abs(stamp - done) > AHEAD_NS:
@@ -172,20 +177,20 @@ class Alignment:
         nothing = [math.nan] * self._n
         heading, steered, wheel_rate = nothing, nothing.copy(), nothing.copy()
         for i, joint, track in self._rolling:
-            turned = track.turned(begin, end)
+            _, turned = track.pass_by(begin, end)
             if turned is not None:
                 wheel_rate[i] = joint.sign * turned / seconds
         for i, joint, track in self._steering:
-            turned = track.turned(begin, end)
-            if turned is not None and (angle := track.angle(begin)) is not None:
+            angle, turned = track.pass_by(begin, end)
+            if turned is not None and angle is not None:
                 heading[i] = joint.sign * (angle + turned / 2) + joint.offset
                 steered[i] = joint.sign * turned
         gyro_rate = [math.nan] * len(self._gyros)
         for i, track in enumerate(self._gyros.values()):
-            turned = track.turned(begin, end)
+            _, turned = track.pass_by(begin, end)
             if turned is not None:
                 gyro_rate[i] = turned / seconds
-        self._advance(end)
+        self._done = end
         wheels = np.array((heading, steered, wheel_rate))
         return Step(begin, end, wheels[0], wheels[1], wheels[2], np.array(gyro_rate))
 
@@ -208,11 +213,6 @@ class Alignment:
         for track in awaited:
             track.present = False
         return True
-
-    def _advance(self, done: int) -> None:
-        self._done = done
-        for track in self._tracks:
-            track.forget(done)
 
     def _fits(self, stamp: int, bus: str) -> bool:
         """Whether a state's stamp can be believed; starts time anew where enough of them agree."""
@@ -267,7 +267,3 @@ def _axis(name: str) -> tuple[int, int]:
     """Index and sign of an axis such as ``-z``."""
     return _AXES[name[-1]], -1 if name.startswith("-") else 1
 
-
-def _within(value: float | None, most: float) -> bool:
-    """Whether a value is absent or sensible; NaN, which no comparison holds for, is not."""
-    return value is None or -most <= value <= most

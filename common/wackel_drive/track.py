@@ -6,15 +6,12 @@ nearest turn that the velocity allows.
 """
 
 import math
-from bisect import bisect_left, bisect_right
-from itertools import pairwise
-from operator import itemgetter
+from bisect import bisect_left
 from typing import Literal
 
 Arrival = Literal["kept", "reordered", "repeated", "late", "flood"]
 Sample = tuple[int, float | None, float | None]
 """Stamp, angle, rate."""
-_STAMP = itemgetter(0)
 
 TURN = 2 * math.pi
 LONGEST_GAP_NS = 250_000_000
@@ -72,44 +69,44 @@ class Track:
 
     def after(self, stamp: int) -> int | None:
         """Stamp of the first sample at or after a time; ``None`` if there is none."""
-        at = bisect_left(self._samples, (stamp,))
-        return self._samples[at][0] if at < len(self._samples) else None
-
-    def turned(self, begin: int, end: int) -> float | None:
-        """Angle turned between two times, rad; ``None`` where samples do not cover them."""
         samples = self._samples
-        if len(samples) > 1:
-            before, after = samples[0], samples[1]
-            if before[0] == begin and after[0] == end:
-                return _between(before, after)
-        first = self._at_or_before(begin)
-        last = bisect_left(samples, (end,))
-        if first < 0 or last >= len(samples):
+        if not samples or samples[-1][0] < stamp:
             return None
-        total = 0.0
-        for before, after in pairwise(samples[first : last + 1]):
-            turned = _between(before, after)
-            if turned is None:
-                return None
+        return samples[bisect_left(samples, (stamp,))][0]
+
+    def pass_by(self, begin: int, end: int) -> tuple[float | None, float | None]:
+        """A step passes; what none after it needs is dropped.
+
+        Returns:
+            The angle at its begin, up to whole turns, and what is turned until its end, rad;
+            ``None`` where samples do not cover it, and for the angle where only rates are known.
+        """
+        samples = self._samples
+        if len(samples) > 1 and samples[0][0] == begin and samples[1][0] == end:
+            # Usual: the servo whose samples make the steps, and all that are read with it.
+            before = samples.pop(0)
+            return before[1], _between(before, samples[0])
+        at = self._at_or_before(begin)
+        if at < 0 or samples[-1][0] < end:
+            self.forget(end)
+            return None, None
+        after = samples[at]
+        angle, turned = after[1], 0.0
+        while after[0] < end:
+            at += 1
+            before, after = after, samples[at]
+            part = _between(before, after)
+            if part is None:
+                self.forget(end)
+                return None, None
             low, high = before[0], after[0]
             if low < begin or high > end:
-                turned *= (min(high, end) - max(low, begin)) / (high - low)
-            total += turned
-        return total
-
-    def angle(self, at: int) -> float | None:
-        """The angle at a time, rad, up to whole turns; ``None`` where samples do not cover it."""
-        samples = self._samples
-        if samples and samples[0][0] == at:
-            return samples[0][1]
-        k = self._at_or_before(at)
-        if k < 0:
-            return None
-        stamp, angle, _ = samples[k]
-        if angle is None or stamp == at:
-            return angle
-        turned = self.turned(stamp, at)
-        return None if turned is None else angle + turned
+                if low < begin and angle is not None:
+                    angle += part * ((begin - low) / (high - low))
+                part *= (min(high, end) - max(low, begin)) / (high - low)
+            turned += part
+        del samples[: at if after[0] == end else at - 1]
+        return angle, turned
 
     def forget(self, before: int) -> None:
         """Drops samples that times from ``before`` on do not need."""
@@ -125,7 +122,7 @@ class Track:
 
     def _at_or_before(self, at: int) -> int:
         """Number of the last sample that is not after a time, -1 if there is none."""
-        return bisect_right(self._samples, at, key=_STAMP) - 1
+        return bisect_left(self._samples, (at + 1,)) - 1
 
 
 def _between(before: Sample, after: Sample) -> float | None:
@@ -139,4 +136,5 @@ def _between(before: Sample, after: Sample) -> float | None:
     if angle is None or next_angle is None:
         return told
     change = next_angle - angle
-    return change - TURN * round((change - (told or 0.0)) / TURN)
+    off = change if told is None else change - told
+    return change if -TURN / 2 < off < TURN / 2 else change - TURN * round(off / TURN)
