@@ -108,7 +108,7 @@ class Node(Link):
         self.stopping = True
         self.wake()
 
-    def _taken(self, key: str, message: Message) -> None:
+    def taken(self, key: str, message: Message) -> None:
         if self._journal is not None:
             self._journal.take(key, message)
             if self._journal.full:

@@ -178,6 +178,16 @@ class OdometryRequest(Record, kw_only=True):
     heading_sigma: float = 0.0
 
 
+class PoseSet(Message, kw_only=True):
+    """The pose was set by a request (``odometry/pose_set``), so that a recording has it, too.
+
+    Attributes:
+        request: What was asked and done.
+    """
+
+    request: OdometryRequest
+
+
 class OdometryReply(Message, kw_only=True):
     """Answer to an odometry request.
 

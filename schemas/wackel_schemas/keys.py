@@ -18,6 +18,7 @@ from wackel_schemas.drive import (
     Odometry,
     OdometryReply,
     OdometryRequest,
+    PoseSet,
     TwistCommand,
 )
 from wackel_schemas.fault import FaultReport
@@ -94,6 +95,7 @@ COMMAND = Topic("bus/{bus}/command", BusCommand, "input", "newest")
 IMU = Topic("imu/{name}", ImuSample, "input", "newest")
 TWIST_COMMAND = Topic("command/twist", TwistCommand, "input", "newest")
 ODOMETRY = Topic("odometry", Odometry, "derived", "newest")
+POSE_SET = Topic("odometry/pose_set", PoseSet, "derived", "all")
 EXCLUSIONS = Topic("exclusions", Exclusions, "derived", "newest", latched=True)
 RESIDUALS = Topic("residuals", Residuals, "derived", "newest")
 FAULT = Topic("fault/{source}", FaultReport, "derived", "all")
@@ -114,6 +116,7 @@ TOPICS: tuple[Topic[Message], ...] = (  # type: ignore[assignment]
     IMU,
     TWIST_COMMAND,
     ODOMETRY,
+    POSE_SET,
     EXCLUSIONS,
     RESIDUALS,
     FAULT,

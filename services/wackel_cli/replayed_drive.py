@@ -7,8 +7,8 @@ from wackel_diagnoser.core import Diagnoser
 from wackel_node.config_drive import DriveConfig, GyroConfig
 from wackel_odometry.core import Odometer
 from wackel_schemas.bus import BusState
-from wackel_schemas.drive import Exclusions, ImuSample, TwistCommand
-from wackel_schemas.keys import EXCLUSIONS, IMU, STATE, TWIST_COMMAND, chunk_of
+from wackel_schemas.drive import Exclusions, ImuSample, PoseSet, TwistCommand
+from wackel_schemas.keys import EXCLUSIONS, IMU, POSE_SET, STATE, TWIST_COMMAND, chunk_of
 from wackel_schemas.message import Message
 
 
@@ -28,6 +28,8 @@ class _ReplayedDrive(Replayed):
                 return core.imu(chunk_of(IMU, key, "name"), message)
             case Exclusions() if isinstance(core, Odometer):
                 core.exclusions(message)
+            case PoseSet() if isinstance(core, Odometer):
+                core.request(message.request, message.stamp)
             case TwistCommand() if isinstance(core, Diagnoser):
                 core.command(message)
         return ()
@@ -36,7 +38,7 @@ class _ReplayedDrive(Replayed):
 class ReplayedOdometry(_ReplayedDrive):
     """``wackel odometry``."""
 
-    topics = (STATE, IMU, EXCLUSIONS)  # type: ignore[assignment]
+    topics = (STATE, IMU, EXCLUSIONS, POSE_SET)  # type: ignore[assignment]
 
     def __init__(self, drive: DriveConfig, gyros: Mapping[str, GyroConfig]) -> None:
         super().__init__(Odometer(drive, gyros))

@@ -15,6 +15,7 @@ from wackel_schemas.drive import (
     Odometry,
     OdometryReply,
     OdometryRequest,
+    PoseSet,
 )
 from wackel_schemas.fault import FaultReport
 from wackel_schemas.message import Message
@@ -26,6 +27,7 @@ def run(config: RobotConfig, drive: DriveConfig) -> None:
         core = Odometer(drive, config.gyros)
         node.keep_journal()
         odometry = node.publisher(keys.ODOMETRY)
+        poses_set = node.publisher(keys.POSE_SET)
         faults = FaultPublisher(node, "odometry", core.active)
 
         def publish(messages: Iterable[Message]) -> None:
@@ -45,7 +47,13 @@ def run(config: RobotConfig, drive: DriveConfig) -> None:
             core.exclusions(message)
 
         def on_request(request: OdometryRequest) -> OdometryReply:
-            return core.request(request, node.clock.now_ns())
+            reply = core.request(request, node.clock.now_ns())
+            if reply.ok and request.operation != "get":
+                # A recorder hears no queries: for it, and a replay, this one becomes an input.
+                message = PoseSet(stamp=reply.stamp, request=request)
+                poses_set.put(message)
+                node.taken(keys.POSE_SET.key(), message)
+            return reply
 
         for bus in sorted({bus for wheel in drive.wheels for bus, _ in wheel.servos()}):
             node.subscribe(keys.STATE, on_state, bus=bus)

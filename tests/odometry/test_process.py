@@ -17,9 +17,17 @@ from wackel_node.config_drive import GyroConfig
 from wackel_node.errors import USAGE
 from wackel_node.link import Link
 from wackel_schemas import component, keys
-from wackel_schemas.drive import Exclusion, Exclusions, ImuSample, Odometry, OdometryRequest
+from wackel_schemas.drive import (
+    Exclusion,
+    Exclusions,
+    ImuSample,
+    Odometry,
+    OdometryRequest,
+    PoseSet,
+)
 from wackel_schemas.fault import FaultReport
 from wackel_schemas.health import Heartbeat
+from wackel_schemas.inputs import Inputs
 
 pytestmark = pytest.mark.process
 
@@ -51,8 +59,12 @@ class Watcher:
         self.told: list[Odometry] = []
         self.reports: list[FaultReport] = []
         self.states: list[str] = []
+        self.poses_set: list[PoseSet] = []
+        self.inputs: list[str] = []
         link.subscribe(keys.ODOMETRY, lambda _, message: self.told.append(message))
         link.subscribe(keys.FAULT, lambda _, message: self.reports.append(message))
+        link.subscribe(keys.POSE_SET, lambda _, message: self.poses_set.append(message))
+        link.subscribe(keys.INPUTS, self._took, service="odometry")
         link.subscribe(keys.ALIVE, self._beat, service="odometry")
         self.robot = Robot(differential_drive(), exact(2), np.random.default_rng(1))
         self._states = link.publisher(keys.STATE, bus=BUS)
@@ -61,6 +73,9 @@ class Watcher:
 
     def _beat(self, _: str, beat: Heartbeat) -> None:
         self.states.append(beat.state)
+
+    def _took(self, _: str, inputs: Inputs) -> None:
+        self.inputs += [inputs.streams[index].key for index in inputs.order]
 
     def drive(self, cycles: int, *twist: float) -> None:
         for moment in self.robot.drive(np.tile(np.array(twist), (cycles, 1))):
@@ -109,6 +124,22 @@ def test_wheels_and_gyro_go_in_and_a_pose_comes_out(service: Watcher) -> None:
     assert reply.odometry.x == 0.0
     service.drive(10, 0.4, 0.0, 0.5)
     assert service.told[-1].x < 0.1
+
+
+def test_a_pose_that_was_set_is_an_input_of_recordings(service: Watcher) -> None:
+    service.drive(20, 0.4, 0.0, 0.0)
+    service.link.ask(keys.ODOMETRY_REQUEST, OdometryRequest(operation="get"))
+    refused = OdometryRequest(operation="set_pose", position_sigma=-1.0)
+    assert not service.link.ask(keys.ODOMETRY_REQUEST, refused).ok
+    asked = OdometryRequest(operation="set_pose", x=3.0, y=-1.0, theta=0.5)
+    assert service.link.ask(keys.ODOMETRY_REQUEST, asked).ok
+    service.drive(20, 0.4, 0.0, 0.0)
+    service.wait(lambda: keys.POSE_SET.key() in service.inputs)
+    assert [message.request for message in service.poses_set] == [asked]
+
+    # It stands between those of the states that came before and after.
+    at = service.inputs.index(keys.POSE_SET.key())
+    assert 20 <= service.inputs[:at].count(keys.STATE.key(bus=BUS)) < 40
 
 
 def test_the_diagnoser_is_obeyed_and_faults_are_told_again(service: Watcher) -> None:
