@@ -7,6 +7,7 @@ the thread that calls :meth:`Link.pump`, so services have one thread and need no
 import ctypes
 import json
 import math
+import os
 import queue
 import random
 import threading
@@ -34,6 +35,10 @@ from wackel_node.log import logger
 from wackel_schemas import wire
 from wackel_schemas.keys import MOST_BYTES, MOST_HEALTH_BYTES, ROOT, Query, Topic
 from wackel_schemas.message import Message, Record
+
+# One thread of Zenoh's receives, where by itself one waits for the socket and two take turns at
+# reading it: a message woke all three. Sending keeps its own, so neither waits for the other.
+os.environ.setdefault("ZENOH_RUNTIME", "(net: (handover: acc), rx: (handover: acc))")
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Record)
@@ -299,7 +304,7 @@ class Link:
                 message = wire.decode(payload, topic.message)
                 self.received += 1
                 self.notice_gap(key, message)
-                self._taken(key, message)
+                self.taken(key, message)
                 handler(key, message)
             except wire.Rejected as error:
                 self._refuse(key, str(error))
@@ -475,8 +480,8 @@ class Link:
             del self._last_seen[next(iter(self._last_seen))]
         self._last_seen[key] = (message.boot, message.seq)
 
-    def _taken(self, key: str, message: Message) -> None:
-        """A message of a subscription is about to be handled."""
+    def taken(self, key: str, message: Message) -> None:
+        """A message is about to be handled."""
 
     def _refuse(self, key: str, reason: str) -> None:
         """Counts a message that is not used, and tells why."""
