@@ -45,10 +45,17 @@ def keep_open(
     retry = Retry(node)
     while not node.stopping:
         try:
-            with Port(config.port, config.baud_rate) as port:
-                reporter.connected(port.baud_rate, port.latency_timer_ms)
-                retry.succeeded()
-                use(port)
+            port = Port(config.port, config.baud_rate)
         except PortLost as lost:
             reporter.lost(str(lost))
             retry.wait()
+            continue
+        with port:
+            reporter.connected(port.baud_rate, port.latency_timer_ms)
+            retry.succeeded()
+            try:
+                use(port)
+            except PortLost as lost:
+                # Before it is closed, for which a driver may take its time.
+                reporter.lost(str(lost))
+        retry.wait()
