@@ -266,4 +266,3 @@ def _sensors(joints: Iterable[Joint | None]) -> list[tuple[int, Joint, Track]]:
 def _axis(name: str) -> tuple[int, int]:
     """Index and sign of an axis such as ``-z``."""
     return _AXES[name[-1]], -1 if name.startswith("-") else 1
-

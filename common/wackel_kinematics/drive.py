@@ -126,11 +126,9 @@ class Drive:
         heading = last_axis(heading, self.n, "heading")
         if not self._all_steer:
             heading = np.where(self.steers, heading, self._mounted_heading)
+        each = heading.take(self.row_wheels, axis=-1)[..., None]
         with np.errstate(invalid="ignore"):
-            cos, sin = np.cos(heading), np.sin(heading)
-        by_cos = cos.take(self.row_wheels, axis=-1)[..., None] * self._by_cos
-        by_sin = sin.take(self.row_wheels, axis=-1)[..., None] * self._by_sin
-        return np.asarray(by_cos + by_sin)
+            return np.asarray(np.cos(each) * self._by_cos + np.sin(each) * self._by_sin)
 
     def values(self, wheel_rate: Floats) -> Floats:
         """What the rows times ξ equal: 0 for slide rows, r φ̇ for roll rows (eq. 5 and 6).

@@ -99,7 +99,7 @@ class Odometer:
         self._examined: int | None = None
         self._silent = False  # the wheels are, and it has been told
         self._told = 0
-        self._in_step = np.zeros(len(settings), dtype=np.bool_)
+        self._gyro_rate = np.full(len(settings), np.nan)  # in the latest step
         self._lost = ""
 
     def bus_state(self, bus: str, state: BusState) -> list[Message]:
@@ -214,12 +214,13 @@ class Odometer:
         instant, lasting = rows.white + rows.systematic, counted_once(rows, seconds)
         if not all(usable.tolist()):
             z, h, instant, lasting = z[usable], h[usable], instant[usable], lasting[usable]
-        verdict = gate(z - h.dot(estimator.x), h, estimator.P, instant)
+        measured = estimator.expect(z, h)
+        verdict = gate(measured.innovation, measured.spread, instant)
         kept = verdict.accepted
         if not all(kept.tolist()):
-            z, h, lasting = z[kept], h[kept], lasting[kept]
-        if len(z):
-            estimator.correct(z, h, lasting, learn_bias=False)
+            measured, lasting = measured.only(kept), lasting[kept]
+        if len(lasting):
+            estimator.correct(measured, lasting, learn_bias=False)
         return verdict
 
     def _rest(self, rows: Measurements, usable: Bools, seconds: float) -> Verdict | None:
@@ -235,12 +236,12 @@ class Odometer:
         if contradicts.any():
             return None
         gyros = np.flatnonzero(usable[first:]) + first
-        estimator.correct(
+        measured = estimator.expect(
             np.concatenate([np.zeros(3), rows.z[gyros]]),
             np.concatenate([self._at_rest, rows.h[gyros]]),
-            np.concatenate([REST_SIGMA**2, rows.white[gyros]]),
-            learn_bias=True,
         )
+        variance = np.concatenate([REST_SIGMA**2, rows.white[gyros]])
+        estimator.correct(measured, variance, learn_bias=True)
         return Verdict(
             np.ones(int(usable.sum()), dtype=np.bool_),
             np.concatenate([rows.z[:first], shown])[usable],
@@ -259,7 +260,7 @@ class Odometer:
                 known = verdict.sigma[at] ** 2 < BLIND_VARIANCE[2]
                 others = shown - bias - float(verdict.innovation[at]) if known else math.nan
             watch.step(step, others, shown, bias)
-        self._in_step = np.isfinite(step.gyro_rate)
+        self._gyro_rate = step.gyro_rate
         self._silent = False
 
     def _odometry(
@@ -297,9 +298,7 @@ class Odometer:
             inputs=inputs,
             slip=[
                 WheelSlip(name=name, along=_number(along), across=_number(across))
-                for name, (along, across) in zip(
-                    self._names, self._rows.slip(rows, x[TWIST]), strict=True
-                )
+                for name, (along, across) in zip(self._names, self._rows.slip(rows, x), strict=True)
             ],
             excluded=self._excluded,
             discarded={
@@ -383,7 +382,7 @@ class Odometer:
     def _silence(self, now: int) -> list[Message]:
         """Says now and then, on the gyros' time, that the wheels say nothing."""
         done, latest = self._alignment.done, self._latest
-        if done is None or latest is None or not self._in_step.any():
+        if done is None or latest is None or not np.isfinite(self._gyro_rate).any():
             return []
         if now - done < SILENT_NS or (self._silent and 0 <= now - self._told < TELL_NS):
             return []

@@ -7,12 +7,13 @@ too, so the estimate does not lag behind the measurements.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
-from scipy.linalg.lapack import dpotrf, dpotrs
+from scipy.linalg.lapack import dpotrf, dpotrs, dtrtrs
 
-from wackel_kinematics.array import Floats
+from wackel_kinematics.array import Bools, Floats
 
 POSE = slice(0, 3)
 TWIST = slice(3, 6)
@@ -27,6 +28,24 @@ BIAS_TIME_S = 100.0
 """Time in which a gyro's bias wanders by its stability."""
 FASTEST = 1e3
 """m/s or rad/s; a twist beyond is a failure of the arithmetic."""
+
+
+class Expected(NamedTuple):
+    """Measurements beside what the state says of them.
+
+    Attributes:
+        innovation: How far they are off it, shape (m,).
+        seen: Covariance of them and the state, H P, shape (m, 6 + g).
+        spread: Of them, without their own variances, H P Hᵀ, shape (m, m).
+    """
+
+    innovation: Floats
+    seen: Floats
+    spread: Floats
+
+    def only(self, kept: Bools) -> "Expected":
+        """Some of them."""
+        return Expected(self.innovation[kept], self.seen[kept], self.spread[np.ix_(kept, kept)])
 
 
 class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
@@ -86,7 +105,17 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         f[2, 5] = dt
         self.P.flat[:: len(f) + 1] += self._walk * dt
 
-    def correct(self, z: Floats, h: Floats, variance: Floats, learn_bias: bool) -> None:
+    def expect(self, z: Floats, h: Floats) -> Expected:
+        """Holds measurements against the state.
+
+        Args:
+            z: Shape (m,).
+            h: Their rows, H, shape (m, 6 + g).
+        """
+        seen = h.dot(self.P)
+        return Expected(z - h.dot(self.x), seen, seen.dot(h.T))
+
+    def correct(self, measured: Expected, variance: Floats, learn_bias: bool) -> None:
         """Takes in measurements.
 
         Where they may not change the biases, these are considered instead (Schmidt): their
@@ -94,25 +123,26 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         knows no such thing; where they may, both give the same.
 
         Args:
-            z: Shape (m,).
-            h: Their rows, shape (m, 6 + g).
+            measured: As the present state expects them.
             variance: Of each, shape (m,).
             learn_bias: Whether they may change the biases.
         """
-        seen = h.dot(self.P)
-        s = seen.dot(h.T)
+        seen = measured.seen
+        s = measured.spread.copy()
         s.reshape(-1)[:: len(s) + 1] += variance
+        # LAPACK without numpy's or scipy's checks, which take longer than a matrix of this size.
         factor, _ = dpotrf(s, lower=True)
-        gain, _ = dpotrs(factor, seen, lower=True)  # transposed
-        change = (z - h.dot(self.x)).dot(gain)
-        biases = self.P[FIRST_BIAS:, FIRST_BIAS:].copy()
-        # P − K S Kᵀ, for the optimal gain; without its rows of the biases, their block stays.
-        known = seen.T.dot(gain)
-        self.P = self.P - (known + known.T) / 2  # symmetric to the last digit, for ever
+        weight, _ = dpotrs(factor, measured.innovation, lower=True)
+        change = weight.dot(seen)
+        root, _ = dtrtrs(factor, seen, lower=True)
+        # K S Kᵀ for the optimal gain; a matrix by itself is symmetric to the last digit, for ever.
+        known = root.T.dot(root)
         if not learn_bias:
+            # Without the gain's rows of the biases, their block stays as it is.
             change[FIRST_BIAS:] = 0.0
-            self.P[FIRST_BIAS:, FIRST_BIAS:] = biases
+            known[FIRST_BIAS:, FIRST_BIAS:] = 0.0
         self.x += change
+        self.P = self.P - known
 
     def sound(self) -> bool:
         """Whether the state is one: finite, of this world, with variances that are not negative."""

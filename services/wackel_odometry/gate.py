@@ -27,7 +27,7 @@ class Verdict(NamedTuple):
     sigma: Floats
 
 
-def gate(innovation: Floats, h: Floats, covariance: Floats, variance: Floats) -> Verdict:
+def gate(innovation: Floats, spread: Floats, variance: Floats) -> Verdict:
     """Judges measurements that were made at the same time.
 
     With S = H P Hᵀ + R, what measurement i says beyond the prediction and all others is
@@ -37,14 +37,13 @@ def gate(innovation: Floats, h: Floats, covariance: Floats, variance: Floats) ->
 
     Args:
         innovation: Measurements less what is predicted, y, shape (m,).
-        h: Their rows, H, shape (m, n).
-        covariance: Of the prediction, P, shape (n, n).
+        spread: Covariance of what is predicted of them, H P Hᵀ, shape (m, m).
         variance: Of the measurements, diagonal of R, shape (m,).
     """
-    s = h.dot(covariance).dot(h.T)
+    s = spread.copy()
     s.reshape(-1)[:: len(s) + 1] += variance
     alone, sigma = all_alone, all_sigma = _left_out(s, innovation)
-    accepted = np.ones(len(innovation), dtype=np.bool_)
+    accepted = np.array([True] * len(innovation), dtype=np.bool_)
     while (worst := _worst(alone, sigma)) is not None:
         accepted[accepted.nonzero()[0][worst]] = False
         kept = accepted.nonzero()[0]

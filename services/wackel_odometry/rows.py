@@ -150,9 +150,9 @@ class Rows:
         size *= self._slipping_share if slipping else self._share
         return Measurements(z, h, white, size * size)
 
-    def slip(self, measurements: Measurements, twist: Floats) -> list[tuple[float, float]]:
-        """(along, across) of each wheel in m/s at a twist; NaN where it is not known."""
-        off = (measurements.z - measurements.h[:, TWIST].dot(twist)).tolist()
+    def slip(self, measurements: Measurements, state: Floats) -> list[tuple[float, float]]:
+        """(along, across) of each wheel in m/s in a state; NaN where it is not known."""
+        off = (measurements.z - measurements.h.dot(state)).tolist()
         return [
             (off[roll] if roll >= 0 else math.nan, -off[slide] if slide >= 0 else math.nan)
             for roll, slide in self._rows_of_wheel

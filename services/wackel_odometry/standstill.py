@@ -55,20 +55,24 @@ class Standstill:
             step: What the sensors said; a sensor that said nothing is left out.
             believed: Which of the roll wheels are not excluded, in their order.
         """
-        shown = zip(step.wheel_rate[self._wheels].tolist(), believed, strict=True)
-        turned = [rate if kept else math.nan for rate, kept in shown]
-        self.wheels_s = self.wheels_s + step.seconds if self._still(turned, step.seconds) else 0.0
-        quiet = self._quiet(step.gyro_rate.tolist(), step.seconds)
-        self._gyros_s = self._gyros_s + step.seconds if quiet else 0.0
+        seconds = step.seconds
+        rates = step.wheel_rate.take(self._wheels).tolist()
+        still = self._still(rates, believed, seconds)
+        self.wheels_s = self.wheels_s + seconds if still else 0.0
+        quiet = self._quiet(step.gyro_rate.tolist(), seconds)
+        self._gyros_s = self._gyros_s + seconds if quiet else 0.0
         return min(self.wheels_s, self._gyros_s) >= LEAST_S
 
-    def _still(self, rates: list[float], seconds: float) -> bool:
+    def _still(self, rates: list[float], believed: list[bool], seconds: float) -> bool:
         """Whether no wheel has moved from where it stood, and at least one says so."""
-        heard = [i for i, rate in enumerate(rates) if math.isfinite(rate)]
+        heard = [i for i, rate in enumerate(rates) if believed[i] and math.isfinite(rate)]
         for i in heard:
             self._turned[i] += rates[i] * seconds
-        if heard and all(abs(self._turned[i]) <= self._tremble for i in heard):
-            return True
+            if abs(self._turned[i]) > self._tremble:
+                break
+        else:
+            if heard:
+                return True
         self._turned = [0.0] * len(rates)
         return False
 

@@ -1,5 +1,6 @@
 """One sensor's angle over time."""
 
+import copy
 import math
 
 import pytest
@@ -18,60 +19,68 @@ def track_of(*samples: tuple[int, float | None, float | None]) -> Track:
     return track
 
 
+def passed(track: Track, begin: int, end: int) -> tuple[float | None, float | None]:
+    """Angle at the begin and angle turned; the track keeps what it had."""
+    return copy.deepcopy(track).pass_by(begin, end)
+
+
+def turned(track: Track, begin: int, end: int) -> float | None:
+    return passed(track, begin, end)[1]
+
+
 def test_the_first_reading_is_an_offset_and_not_a_motion() -> None:
     track = track_of((0, 1000.0, None))
-    assert track.turned(0, 10 * MS) is None
+    assert turned(track, 0, 10 * MS) is None
     track.add(10 * MS, 1000.25, None, done=0)
-    assert track.turned(0, 10 * MS) == pytest.approx(0.25)
+    assert turned(track, 0, 10 * MS) == pytest.approx(0.25)
 
 
 def test_between_samples_the_angle_changes_evenly() -> None:
     track = track_of((0, 0.0, None), (10 * MS, 0.2, None), (20 * MS, 0.6, None))
-    assert track.turned(5 * MS, 15 * MS) == pytest.approx(0.1 + 0.2)
-    assert track.angle(15 * MS) == pytest.approx(0.4)
+    assert turned(track, 5 * MS, 15 * MS) == pytest.approx(0.1 + 0.2)
+    assert passed(track, 15 * MS, 20 * MS)[0] == pytest.approx(0.4)
 
 
 def test_nothing_is_told_of_times_that_no_sample_covers() -> None:
     track = track_of((10 * MS, 0.0, None), (20 * MS, 1.0, None))
-    assert track.turned(5 * MS, 15 * MS) is None
-    assert track.turned(15 * MS, 25 * MS) is None
-    assert track.angle(5 * MS) is None
-    assert track.angle(25 * MS) is None
-    assert Track().angle(0) is None
+    assert turned(track, 5 * MS, 15 * MS) is None
+    assert turned(track, 15 * MS, 25 * MS) is None
+    assert passed(track, 5 * MS, 20 * MS)[0] is None
+    assert passed(Track(), 0, 10 * MS) == (None, None)
 
 
 @pytest.mark.parametrize("counter", [TURN, 2**32 * TURN / 4096])
 def test_a_counter_that_wraps_is_no_jump(counter: float) -> None:
     track = track_of((0, counter / 2 - 0.1, None), (10 * MS, -counter / 2 + 0.1, None))
-    assert track.turned(0, 10 * MS) == pytest.approx(0.2)
+    assert turned(track, 0, 10 * MS) == pytest.approx(0.2)
 
 
 def test_a_servo_that_starts_anew_within_its_turn_is_no_jump() -> None:
     track = track_of((0, 7 * TURN + 1.0, None), (10 * MS, 1.1, None))
-    assert track.turned(0, 10 * MS) == pytest.approx(0.1)
+    assert turned(track, 0, 10 * MS) == pytest.approx(0.1)
 
 
 def test_the_velocity_tells_how_many_turns_a_fast_wheel_made() -> None:
     rate = 100.0
     track = track_of((0, 0.0, rate), (100 * MS, math.remainder(10.0, TURN), rate))
-    assert track.turned(0, 100 * MS) == pytest.approx(10.0)
+    assert turned(track, 0, 100 * MS) == pytest.approx(10.0)
 
 
 def test_without_positions_the_rate_is_summed_up() -> None:
     track = track_of((0, None, 1.0), (10 * MS, None, 3.0))
-    assert track.turned(0, 10 * MS) == pytest.approx(0.02)
-    assert track.angle(0) is None
+    assert turned(track, 0, 10 * MS) == pytest.approx(0.02)
+    assert passed(track, 0, 10 * MS)[0] is None
 
 
 def test_after_a_long_gap_nothing_is_assumed() -> None:
     track = track_of((0, 0.0, None), (LONGEST_GAP_NS + 1, 0.1, None))
-    assert track.turned(0, LONGEST_GAP_NS + 1) is None
+    assert turned(track, 0, LONGEST_GAP_NS + 1) is None
 
 
 def test_a_position_that_came_without_one_before_is_an_offset_again() -> None:
     track = track_of((0, None, None), (10 * MS, 5.0, None), (20 * MS, 5.5, None))
-    assert track.turned(0, 10 * MS) is None
-    assert track.turned(10 * MS, 20 * MS) == pytest.approx(0.5)
+    assert turned(track, 0, 10 * MS) is None
+    assert turned(track, 10 * MS, 20 * MS) == pytest.approx(0.5)
 
 
 def test_each_way_of_arriving_has_its_outcome() -> None:
@@ -80,9 +89,9 @@ def test_each_way_of_arriving_has_its_outcome() -> None:
     assert track.add(30 * MS, 0.3, None, done=0) == "kept"
     assert track.add(30 * MS, 9.9, None, done=0) == "repeated"
     assert track.add(20 * MS, 0.1, None, done=0) == "reordered"
-    assert track.turned(10 * MS, 20 * MS) == pytest.approx(0.1)
+    assert turned(track, 10 * MS, 20 * MS) == pytest.approx(0.1)
     assert track.add(15 * MS, 9.9, None, done=16 * MS) == "late"
-    assert track.turned(10 * MS, 30 * MS) == pytest.approx(0.3)
+    assert turned(track, 10 * MS, 30 * MS) == pytest.approx(0.3)
 
 
 def test_what_no_step_takes_does_not_pile_up() -> None:
@@ -93,11 +102,18 @@ def test_what_no_step_takes_does_not_pile_up() -> None:
     assert track.add(MOST, 0.0, None, done=-1) == "kept"
 
 
+def test_what_a_step_has_passed_makes_room() -> None:
+    for end in (MOST - 1, MOST):  # covered by samples, and not
+        track = track_of(*((i, 0.0, None) for i in range(MOST)))
+        track.pass_by(0, end)
+        assert track.add(MOST, 0.0, None, done=end) == "kept"
+
+
 def test_forgetting_keeps_what_the_next_step_begins_with() -> None:
     track = track_of((0, 0.0, None), (10 * MS, 0.1, None), (20 * MS, 0.3, None))
     track.forget(15 * MS)
-    assert track.turned(15 * MS, 20 * MS) == pytest.approx(0.1)
-    assert track.turned(5 * MS, 20 * MS) is None
+    assert turned(track, 15 * MS, 20 * MS) == pytest.approx(0.1)
+    assert turned(track, 5 * MS, 20 * MS) is None
 
 
 @given(
@@ -112,5 +128,10 @@ def test_parts_add_up_to_the_whole_however_it_is_cut(
     track = track_of(*((i * 10 * MS, angle % TURN, None) for i, angle in enumerate(angles)))
     end = (len(angles) - 1) * 10 * MS
     first, second = sorted((one * end // 10**9, other * end // 10**9))
-    parts = [track.turned(a, b) for a, b in ((0, first), (first, second), (second, end))]
-    assert sum(part or 0.0 for part in parts) == pytest.approx(angles[-1], abs=1e-6)
+    parts = 0.0
+    for a, b in ((0, first), (first, second), (second, end)):
+        angle, part = track.pass_by(a, b)
+        assert angle is not None and part is not None
+        assert math.remainder(angle - parts, TURN) == pytest.approx(0.0, abs=1e-6)
+        parts += part
+    assert parts == pytest.approx(angles[-1], abs=1e-6)

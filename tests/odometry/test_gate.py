@@ -11,7 +11,7 @@ VARIANCE = np.full(4, 0.01)
 
 
 def test_measurements_that_agree_are_all_believed_whatever_was_predicted() -> None:
-    verdict = gate(H @ [5.0, -3.0], H, OPEN, VARIANCE)
+    verdict = gate(H @ [5.0, -3.0], H @ OPEN @ H.T, VARIANCE)
     assert verdict.accepted.all()
     assert verdict.innovation == pytest.approx(np.zeros(4), abs=0.02)
 
@@ -19,28 +19,26 @@ def test_measurements_that_agree_are_all_believed_whatever_was_predicted() -> No
 def test_the_one_that_contradicts_the_others_is_rejected() -> None:
     innovation = H @ [5.0, -3.0]
     innovation[1] += 2.0
-    verdict = gate(innovation, H, OPEN, VARIANCE)
+    verdict = gate(innovation, H @ OPEN @ H.T, VARIANCE)
     assert verdict.accepted.tolist() == [True, False, True, True]
     assert verdict.innovation[1] == pytest.approx(2.0, abs=0.02)
     assert verdict.sigma[1] == pytest.approx(np.sqrt(0.01 + 0.01 * 2 / 3), rel=0.01)
 
 
 def test_several_are_rejected_one_after_the_other() -> None:
-    h = np.ones((7, 1))
     innovation = np.array([0.0, 0.01, 0.0, -0.01, 0.0, 3.0, -2.0])
-    verdict = gate(innovation, h, np.eye(1) * 100.0, np.full(7, 0.01))
+    verdict = gate(innovation, np.full((7, 7), 100.0), np.full(7, 0.01))
     assert verdict.accepted.tolist() == [True] * 5 + [False] * 2
 
 
 def test_with_nothing_beside_it_the_prediction_decides() -> None:
-    one = np.array([[1.0]])
     for off, believed in ((0.39, True), (0.41, False)):
-        verdict = gate(np.array([off]), one, np.array([[0.0]]), np.array([0.01]))
+        verdict = gate(np.array([off]), np.array([[0.0]]), np.array([0.01]))
         assert verdict.accepted.tolist() == [believed]
 
 
 def test_no_measurement_at_all_is_no_error() -> None:
-    verdict = gate(np.zeros(0), np.zeros((0, 2)), OPEN, np.zeros(0))
+    verdict = gate(np.zeros(0), np.zeros((0, 0)), np.zeros(0))
     assert len(verdict.accepted) == 0
 
 
@@ -51,7 +49,7 @@ def test_what_is_left_out_is_normal_with_the_sigma_that_is_told() -> None:
     scaled = []
     for _ in range(2000):
         innovation = H @ root @ rng.normal(size=2) + rng.normal(size=4) * 0.1
-        verdict = gate(innovation, H, prior, VARIANCE)
+        verdict = gate(innovation, H @ prior @ H.T, VARIANCE)
         scaled.append(verdict.innovation / verdict.sigma)
     # The mean of 2000 squares of normal numbers is within 1 ± 4 · √(2 / 2000).
     assert np.mean(np.square(scaled), axis=0) == pytest.approx(np.ones(4), abs=0.13)
