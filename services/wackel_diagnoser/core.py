@@ -11,6 +11,7 @@ import numpy as np
 
 from wackel_diagnoser.bank import Bank
 from wackel_diagnoser.commands import CommandWatch, Complaint
+from wackel_diagnoser.constants import Shown
 from wackel_diagnoser.efforts import Efforts
 from wackel_diagnoser.forced import ForcedMotion, can_force
 from wackel_diagnoser.gyro_bias import GyroBias
@@ -24,6 +25,7 @@ from wackel_diagnoser.reports import Finding, Reports
 from wackel_diagnoser.rows import Measured, Rows
 from wackel_diagnoser.scaling import Scaling
 from wackel_diagnoser.sequential import Sequential, threshold
+from wackel_diagnoser.small_faults import SmallFaults
 from wackel_diagnoser.steps import PaperSteps
 from wackel_drive.alignment import Alignment, Step
 from wackel_drive.layout import Layout
@@ -91,9 +93,8 @@ class Diagnoser:
         self._sensors = Scaling(rows.count, first=9.0, least=0.15)
         self._manoeuvre = Scaling(rows.count, first=1.0, least=0.25)
         limit = threshold(len(hypotheses), RATE)
-        self._sequential = Sequential(
-            hypotheses.prior, hypotheses.explanation, limit, hypotheses.slight
-        )
+        self._sequential = Sequential(hypotheses.prior, hypotheses.explanation, limit)
+        self._small = SmallFaults(layout, config, rows, gyros)
         self._bias = GyroBias(list(gyros.values()))
         self._efforts = Efforts(layout)
         self._idle = IdleMotors(len(layout.drive.roll_wheels), RATE / LEARN_EVERY)
@@ -114,6 +115,7 @@ class Diagnoser:
         self._motion = ForcedMotion(layout) if can_force(layout.drive) else None
         self._block: list[tuple[Step, Target, Measured]] = []
         self._kind: Class = ""
+        self._is_small = False
         self._complaint: Complaint | None = None
         self._off_s = [0.0] * len(layout.drive.roll_wheels)
         self._exclusions: list[Exclusion] | None = None
@@ -152,6 +154,7 @@ class Diagnoser:
             self._restarts = self._alignment.restarts
             self._reference.forget()
             self._sequential.forget()
+            self._small.forget()
         messages: list[Message] = []
         while (step := self._alignment.step()) is not None:
             messages += self._step(step)
@@ -182,6 +185,9 @@ class Diagnoser:
             self._learn(measured, variance, learnt_s, moving)
         if not young and self._references.step(step, target, measured):
             self._correct()
+        shown = Shown(step, target, measured, self._bias.value, self._efforts.currents)
+        self._small.step(shown, calm=calm)
+        rows.lag_s = self._small.lag_s
         changed = self._judge(step, target, (measured, variance, efforts), likelihood)
         self._watch_torque(step.seconds)
         rolling = self._efforts.rolling()
@@ -251,10 +257,20 @@ class Diagnoser:
             self._watch_soundness(step, target, likelihood)
         changed = False
         proposal = sequential.proposal()
+        small = self._small.found
+        is_small = proposal is None and not verdict and small is not None
+        if is_small and small is not None:
+            proposal = hypotheses.explanations.index((small.component,))
         if proposal is not None:
             names, now = (set(hypotheses.explanations[i]) for i in (proposal, verdict))
-            if not names < now or self._sound_s >= self._sound_needed_s():
+            if not names < now or (
+                self._sound_s >= self._sound_needed_s()
+                and (small is None or small.component not in now)
+            ):
                 sequential.accept(proposal)
+                self._is_small = is_small
+                if not names:
+                    self._small.forget()
                 self._take(proposal, step)
                 verdict, changed = proposal, True
         self._recent.append((*evidence, step.seconds))
@@ -271,6 +287,8 @@ class Diagnoser:
                     self._kind_test.force(self._block, self._rows, self._motion, worse)
                     self._block.clear()
             kind = self._kind_test.kind()
+            if small is not None and self._is_small:
+                kind = small.kind or kind
             changed |= kind != self._kind
             self._kind = kind
         return changed

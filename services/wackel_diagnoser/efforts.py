@@ -104,6 +104,11 @@ class Efforts:
         ratio: Floats = squares / np.maximum(self._usual, LEAST**2)
         return ratio
 
+    @property
+    def currents(self) -> list[float]:
+        """Of the rolling motors, as last read, A or share of load; NaN if unknown."""
+        return self._current[: self._rolls]
+
     def rolling(self) -> tuple[Floats, Floats, Floats] | None:
         """Currents of the rolling motors, what driving needs by speed and by acceleration, and the
         mean square of what is left; ``None`` until that is known."""

@@ -32,14 +32,6 @@ YAW_OFF = 1.0
 """What a mechanical fault adds to the yaw rate, and what a faulty gyro shows too much, in units of
 :data:`wackel_diagnoser.rows.YAW` of speed by length."""
 GYRO_OFF = 3.0
-SLIGHT = 0.06
-"""By how much less a slight fault of a part spoils its rows: 3 % of speed, 2°, 0.1 rad/s. One that
-expects more than it sees takes ten times as much for it."""
-CREEPING = 0.01
-"""Share of the speed by which the wheels of a sound robot slip on a hard turn: tyres creep by some
-hundredths with all their grip, of which such a turn takes a sixth. It lasts for as long as the
-turn, so noise of a variance of its own does not explain it, and slight faults are of the same size:
-which of the two it is, other motion has to tell."""
 SHOVED = 0.3
 """Share of the speed by which ice or a collision moves all wheels against the floor."""
 
@@ -59,23 +51,20 @@ class Hypothesis:
         components: What is faulty; none: nothing is.
         kind: ``sensor``: only the value is wrong; ``actuator``: the part does not do what it is
             told, so the robot really slips; empty where that is not asked.
-        slight: Not much.
     """
 
     components: tuple[str, ...]
     kind: Class = ""
-    slight: bool = False
 
 
 class Hypotheses:
-    """All hypotheses of a drive; the first two are that nothing is wrong.
+    """All hypotheses of a drive; the first is that nothing is wrong.
 
     Attributes:
         each: The hypotheses.
         prior: Logarithms of their prior probabilities, shape (K,).
         spread: Squares of the factors by which they widen rows, in units of
             :attr:`Measured.size <wackel_diagnoser.rows.Measured>`, shape (K, M).
-        slight: Which are slight faults, shape (K,).
         singles: Numbers of those with one component, shape (s,).
         explanations: The sets of components, the first empty.
         explanation: Which of them each hypothesis names.
@@ -101,9 +90,9 @@ class Hypotheses:
             *((component.wheel_drive(names[i]), "drive", i) for i in rolls),
             *((component.wheel_steering(names[i]), "steering", i) for i in steers),
         ]
-        each = [Hypothesis(()), Hypothesis(())]
-        prior = [0.0, 0.0]
-        spread = [self._none(), self._creeping()]
+        each = [Hypothesis(())]
+        prior = [0.0]
+        spread = [self._none()]
         for path, part, i in wheels:
             own = self._own(part, i)
             # Others may slip, or hold the robot: that they need not is worth a hypothesis.
@@ -116,14 +105,10 @@ class Hypotheses:
                 each.append(Hypothesis((path,), kind))
                 prior.append(SINGLE)
                 spread.append(spoilt)
-            each.append(Hypothesis((path,), "sensor", slight=True))
-            prior.append(SINGLE)
-            spread.append(SLIGHT * own)
         for name in gyros:
-            for share in (1.0, SLIGHT):
-                each.append(Hypothesis((component.gyro(name),), "sensor", slight=share < 1.0))
-                prior.append(SINGLE)
-                spread.append(share * self._of_gyro(name))
+            each.append(Hypothesis((component.gyro(name),), "sensor"))
+            prior.append(SINGLE)
+            spread.append(self._of_gyro(name))
         for path, touched in (
             (component.DRIVE, self._ground()),
             (component.DRIVE, self._dragging()),  # the same of a shove that hardly moves it
@@ -149,7 +134,6 @@ class Hypotheses:
         self.explanation = [self.explanations.index(h.components) for h in each]
         numbers = np.array(self.explanation)
         self.members = [np.flatnonzero(numbers == i) for i in range(len(self.explanations))]
-        self.slight: Bools = np.array([hypothesis.slight for hypothesis in each])
         self.singles: Ints = np.flatnonzero([len(h.components) == 1 for h in each])
 
     def place(self, path: str) -> tuple[Literal["drive", "steering"], int] | None:
@@ -191,13 +175,6 @@ class Hypotheses:
     def _of_gyro(self, name: str) -> Floats:
         touched = self._none()
         touched[self._gyro[name]] = GYRO_OFF
-        return touched
-
-    def _creeping(self) -> Floats:
-        """What tyres do on a hard turn of a sound robot."""
-        touched = self._none()
-        touched[: len(self._slide) + len(self._roll)] = CREEPING
-        touched[list(self._rolling.values())] = CREEPING
         return touched
 
     def _ground(self) -> Floats:

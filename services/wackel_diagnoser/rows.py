@@ -144,6 +144,7 @@ class Rows:
             (0.0, 0.0, 0.0, 0.0, 1.0),  # by droop
         )
         self._zeros = np.zeros(drive.n)
+        self.lag_s = 0.0
         self._h = np.zeros((self.count, 3))
         self._h[self.gyros, 2] = 1.0
         self._constraints = len(slides) + len(rolls)
@@ -179,6 +180,8 @@ class Rows:
         headings = np.empty((2, drive.n))
         headings[0], headings[1] = step.heading, target.heading
         headings += self._zeros
+        if self.lag_s:
+            headings[0] -= step.steered * (self.lag_s / dt)
         rows, wanted = drive.rows_along(headings)
         h = self._h.copy()
         h[: self._constraints] = rows

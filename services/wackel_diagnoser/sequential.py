@@ -11,12 +11,10 @@ import math
 
 import numpy as np
 
-from wackel_kinematics.array import Bools, Floats
+from wackel_kinematics.array import Floats
 
 INDEPENDENT = 0.25
 """ρ: share of a step's evidence that is new; residuals correlate over some four steps."""
-SLIGHT = 0.035
-"""The same of small residuals: slip and calibration are alike for a quarter of a second."""
 BOUND = 5.5
 """Of one step's evidence; an alarm then needs four steps at least."""
 FALSE_ALARM_S = 100 * 3600.0
@@ -48,7 +46,6 @@ class Sequential:
         prior: Logarithms of the hypotheses' prior probabilities, shape (K,).
         same: Which hypotheses name the same components: a number for each, shape (K,), 0 for none.
         limit: Of the cumulative sums.
-        slight: Which hypotheses are slight faults, shape (K,).
 
     Attributes:
         verdict: Number of the explanation that is taken to be true.
@@ -56,12 +53,11 @@ class Sequential:
         memory: Fading log-likelihoods, shape (K,), up to a constant.
     """
 
-    def __init__(self, prior: Floats, same: list[int], limit: float, slight: Bools) -> None:
+    def __init__(self, prior: Floats, same: list[int], limit: float) -> None:
         self._prior = prior
         self._same = np.array(same)
         self._members = [np.flatnonzero(self._same == i) for i in range(max(same) + 1)]
         self._limit = limit
-        self._share = np.where(slight, SLIGHT / INDEPENDENT, 1.0)
         self._highest = 0.0
         self._alarm_s = 0.0
         self.verdict = 0
@@ -78,7 +74,6 @@ class Sequential:
         sums, memory = self.sums, self.memory
         told = INDEPENDENT * likelihood
         evidence = told - _greatest(told[self._members[self.verdict]])
-        evidence *= self._share
         np.minimum(evidence, BOUND, out=evidence)
         sums += evidence
         np.maximum(sums, 0.0, out=sums)

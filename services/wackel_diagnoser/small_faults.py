@@ -1,0 +1,317 @@
+"""Small faults: changes of what is constant in a sound robot.
+
+A wheel that shows 3 % too much, or a steering half a degree off, drowns in what tyres and drives do
+from step to step. But it lasts, and calibration does not change by itself. So what has been learnt
+of the robot's constants (:mod:`wackel_diagnoser.constants`) is held against the last seconds; a
+fault is a change that a single part explains. What this motion does not show changes nothing.
+"""
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from wackel_diagnoser.constants import Constants, Shown
+from wackel_diagnoser.hypotheses import Class
+from wackel_diagnoser.rows import Rows
+from wackel_diagnoser.scaling import Scaling
+from wackel_drive.layout import Layout
+from wackel_kinematics.array import Floats
+from wackel_node.config_drive import DriveConfig, GyroConfig
+from wackel_schemas import component
+
+BLOCK_S = 0.1
+"""Of a mean: encoder steps cancel, and wheels hardly turn."""
+LEAST_STEPS = 2
+LOOK_S = 0.5
+WINDOWS = (3, 8, 20)
+"""Looks in which a change is sought: what is clear is named in seconds, what is hardly larger than
+the tyres' slip in ten."""
+DELAY = WINDOWS[-1]
+"""Looks after which what was seen counts as normal, if nothing is suspected by then."""
+MOVING_M_S = 0.05
+NORMAL_S = 600.0
+"""Over which the normal is forgotten: a gyro's bias and a floor change."""
+SURE = 36.0
+"""Square of how many standard deviations a change must have. Chance alone makes five in an hour in
+3e-7 of them; slip is not quite normally distributed, hence six."""
+SUSPECTED = 16.0
+"""The same from which on nothing is learnt."""
+CLEAR = 6.0
+"""Logarithm of how much likelier the part must be than any other."""
+UNEXPLAINED = 0.2
+"""Share of the evidence that may be left when the part has explained its own: of more than one
+part's, or of what is no change of constants, this knows nothing."""
+SURER = 3.0
+"""Logarithm of how much likelier another kind must be."""
+YIELDS = 0.2
+"""Share by which a wheel slips whose motor is too fast, 0.1 to 0.3; drives give way by the rest."""
+ACCURATE = {
+    "direction": 0.001,
+    "scale": 0.003,
+    "gyro": 0.002,
+    "off": 0.002,
+    "stands": 0.0005,
+}
+"""By how much constants change in a sound robot: with load, tyres' warmth, and floor."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change that one part explains.
+
+    Attributes:
+        component: The part.
+        kind: As far as it can be told.
+        size: By how much: share, rad or rad/s.
+        sigma: Standard deviation of that.
+    """
+
+    component: str
+    kind: Class
+    size: float
+    sigma: float
+
+
+class _Sums:
+    """Normal equations of some looks."""
+
+    def __init__(self, count: int) -> None:
+        self.information = np.zeros((count, count))
+        self.right = np.zeros(count)
+
+    def add(self, information: Floats, right: Floats, sign: float = 1.0) -> None:
+        self.information += sign * information
+        self.right += sign * right
+
+
+class SmallFaults:
+    """Looks for them.
+
+    Args:
+        layout: The drive.
+        config: The same, as configured.
+        rows: How measurements are numbered.
+        gyros: By name.
+
+    Attributes:
+        found: The change that is there.
+        lag_s: By how much wheels follow later than their steering's encoders show, as learnt.
+    """
+
+    def __init__(
+        self, layout: Layout, config: DriveConfig, rows: Rows, gyros: Mapping[str, GyroConfig]
+    ) -> None:
+        constants = self._constants = Constants(layout, config, rows, gyros)
+        self._paths, self._kinds, self._changes = _hypotheses(layout, constants, gyros)
+        accurate = np.zeros(constants.count)
+        for name, least in ACCURATE.items():
+            accurate[getattr(constants, name)] = least
+        self._least: Floats = np.max(np.abs(self._changes) * accurate, axis=1) ** 2
+        self._prior = np.diag(constants.prior)
+        self._scaling = Scaling(constants.count, first=2.0, least=0.05)
+        self._normal = _Sums(constants.count)
+        self._driven = 0
+        self.lag_s = 0.0
+        self.forget()
+
+    def forget(self) -> None:
+        """What was seen of late belongs to another time, or to another fault."""
+        self.found: Change | None = None
+        self._before = ""
+        self._block: list[Shown] = []
+        self._block_s = self._look_s = 0.0
+        self._look = _Sums(self._constants.count)
+        self._looks: deque[tuple[Floats, Floats]] = deque()
+        self._windows = [_Sums(self._constants.count) for _ in WINDOWS]
+
+    def step(self, shown: Shown, *, calm: bool) -> None:
+        """Takes in a step; ``calm``: nothing is suspected otherwise."""
+        self._block.append(shown)
+        self._block_s += shown.step.seconds
+        if self._block_s < BLOCK_S or len(self._block) < LEAST_STEPS:
+            return
+        self._look.add(*self._constants.equations(self._block))
+        self._look_s += self._block_s
+        self._block, self._block_s = [], 0.0
+        if self._look_s >= LOOK_S:
+            seconds, look = self._look_s, self._look
+            self._look, self._look_s = _Sums(self._constants.count), 0.0
+            moving = shown.measured.speed > MOVING_M_S
+            self._take(look.information, look.right, seconds, calm=calm, moving=moving)
+
+    def _take(
+        self, information: Floats, right: Floats, seconds: float, *, calm: bool, moving: bool
+    ) -> None:
+        """Looks once."""
+        normal, scaling = self._normal, self._scaling
+        covariance: Floats = np.asarray(np.linalg.inv(normal.information + self._prior))
+        usual = covariance @ normal.right
+        off = right - information @ usual
+        told = information.diagonal()
+        squares = (
+            off * off / np.maximum(told + np.vecdot(information @ covariance, information), 1e-9)
+        )
+        heard = told > 1e-3 * self._constants.prior
+        for kind in self._constants.kinds:
+            factor = float(scaling.factors[kind].mean())
+            information[kind, kind] /= factor
+            right[kind] /= factor
+        young = self._driven < DELAY
+        if young:
+            self._learn(information, right, seconds)
+            self._driven += moving
+            top = 0.0
+        else:
+            self._looks.append((information, right))
+            for window, length in zip(self._windows, WINDOWS, strict=True):
+                window.add(information, right)
+                if len(self._looks) > length:
+                    window.add(*self._looks[-1 - length], -1.0)
+            top = self._search(usual, covariance)
+            if len(self._looks) > DELAY:
+                oldest = self._looks.popleft()
+                if calm and top < SUSPECTED:
+                    self._learn(*oldest, seconds)
+        if calm and top < SUSPECTED:
+            scaling.learn(squares, heard, seconds)
+            self.lag_s = float(usual[self._constants.steering_lag])
+
+    def _learn(self, information: Floats, right: Floats, seconds: float) -> None:
+        normal, fade = self._normal, 1.0 - min(1.0, seconds / NORMAL_S)
+        normal.information *= fade
+        normal.right *= fade
+        normal.add(information, right)
+
+    def _search(self, usual: Floats, covariance: Floats) -> float:
+        """Follows what is found; returns the square of the surest change, by its variance."""
+        top, found, now = 0.0, self.found, None
+        for window, looks in zip(self._windows, WINDOWS, strict=True):
+            tests = _Tests(self._changes, window, usual, covariance, self._least)
+            top = max(top, float(tests.sure.max()))
+            if found is not None and window is self._windows[0] and self._ended(tests, found):
+                self.forget()
+                return top
+            now = now or self._name(tests, looks)
+        if found is None:
+            # Twice the same: it lasts, and what began within a look has become clear.
+            self.found = now if now is not None and now.component == self._before else None
+            self._before = now.component if now is not None else ""
+        elif now is not None and now.component == found.component:
+            self.found = now
+        return top
+
+    def _ended(self, tests: "_Tests", found: Change) -> bool:
+        """Whether the part is as it was before."""
+        own = [at for at, path in enumerate(self._paths) if path == found.component]
+        size, variance = tests.size[own], tests.variance[own]
+        missing = (size - found.size) ** 2 / variance
+        return bool(np.all(np.abs(size) < 0.5 * abs(found.size)) and np.all(missing > SURE / 2))
+
+    def _name(self, tests: "_Tests", looks: int) -> Change | None:
+        """The change that a window shows, if a part explains it, and no other does."""
+        evidence = tests.evidence
+        best = int(evidence.argmax())
+        path = self._paths[best]
+        if not path or tests.sure[best] < SURE:
+            return None
+        others = [at for at, each in enumerate(self._paths) if each != path]
+        if evidence[best] - evidence[others].max() < CLEAR:
+            return None
+        if tests.unexplained(best) > CLEAR + UNEXPLAINED * evidence[best]:
+            return None
+        if not self._lasts(tests, best, looks):
+            return None
+        if self.found is not None and self.found.component == path:
+            for at, each in enumerate(self._paths):
+                same = each == path and self._kinds[at] == self.found.kind
+                if same and evidence[best] - evidence[at] < SURER:
+                    best = at
+        return Change(
+            path, self._kinds[best], float(tests.size[best]), math.sqrt(tests.variance[best])
+        )
+
+    def _lasts(self, tests: "_Tests", best: int, looks: int) -> bool:
+        """Whether it also shows without the look that speaks for it most: no shock does."""
+        change = self._changes[best] * math.copysign(1.0, tests.size[best])
+        each = [
+            (
+                float(change @ (right - information @ tests.usual)),
+                float(change @ information @ change),
+            )
+            for information, right in list(self._looks)[-looks:]
+        ]
+        each.remove(max(each))
+        for_it, told = (sum(column) for column in zip(*each, strict=True)) if each else (0.0, 0.0)
+        return for_it > 0.0 and for_it * for_it > 0.5 * SURE * told
+
+
+class _Tests:
+    """Each hypothesis against a window.
+
+    Attributes:
+        size: Of the change, shape (K,).
+        variance: Of that.
+        sure: Squares of the sizes by their variances.
+        evidence: Logarithms of how much likelier each is than no change.
+        usual: The constants as learnt, shape (P,).
+    """
+
+    def __init__(
+        self, changes: Floats, window: _Sums, usual: Floats, covariance: Floats, least: Floats
+    ) -> None:
+        self._changes, self._window, self.usual = changes, window, usual
+        by_change = changes @ window.information
+        told = np.maximum(np.vecdot(by_change, changes), 1e-9)
+        # Of what is not known of the normal, so much looks like a change.
+        self._spread = told + np.vecdot(by_change @ covariance, by_change)
+        for_it = changes @ (window.right - window.information @ usual)
+        self.size = for_it / told
+        self.variance = self._spread / told**2 + least
+        self.sure = self.size**2 / self.variance
+        self.evidence = 0.5 * for_it**2 / self._spread
+
+    def unexplained(self, best: int) -> float:
+        """Evidence for any other change beside one."""
+        window = self._window
+        constants = self.usual + self.size[best] * self._changes[best]
+        left = self._changes @ (window.right - window.information @ constants)
+        return float((0.5 * left**2 / self._spread).max())
+
+
+def _hypotheses(
+    layout: Layout, constants: Constants, gyros: Mapping[str, GyroConfig]
+) -> tuple[list[str], list[Class], Floats]:
+    """Components, kinds and changes of the constants, shape (K, P).
+
+    A drive whose sensor is wrong seems off its reference, unless its controller believes the same
+    sensor. What has no component is looked for, but not named: a wrong zero of a steering has its
+    own test (:mod:`wackel_diagnoser.references`), and a drive off its references altogether is no
+    fault of a part.
+    """
+    drive, names = layout.drive, layout.names
+    slides, rolls = drive.slide_wheels.tolist(), drive.roll_wheels.tolist()
+    unit = np.eye(constants.count)
+    each: list[tuple[str, Class, Floats]] = []
+    for wheel, scale, off in zip(rolls, constants.scale, constants.off, strict=True):
+        path = component.wheel_drive(names[wheel])
+        each.append((path, "sensor", unit[scale] + unit[off]))
+        each.append((path, "sensor", unit[scale]))
+        each.append((path, "actuator", unit[off] + YIELDS * unit[scale]))
+    direction = dict(zip(slides, constants.direction, strict=True))
+    steered = [wheel for wheel in slides if drive.steers[wheel]]
+    for wheel, stands in zip(steered, constants.stands, strict=True):
+        path = component.wheel_steering(names[wheel])
+        each.append((path, "", unit[stands] - unit[direction[wheel]]))
+        each.append((path, "", unit[stands]))
+    for name, bias in zip(gyros, constants.gyro, strict=True):
+        each.append((component.gyro(name), "", unit[bias]))
+    each += [("", "", unit[at]) for at in constants.direction]
+    each.append(("", "", unit[list(constants.off)].sum(axis=0)))
+    return (
+        [path for path, _, _ in each],
+        [kind for _, kind, _ in each],
+        np.array([change for _, _, change in each]),
+    )
