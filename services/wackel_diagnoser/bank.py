@@ -5,10 +5,10 @@ is integrated out::
 
     ln p(z | h) = −½ [Σ ln R_h + ln det(Hᵀ R_h⁻¹ H) + min_ξ Σ (z − H ξ)² / R_h] + constant
 
-Elimination of ξ from [H z]ᵀ R_h⁻¹ [H z], a matrix of 4 × 4, leaves the minimum, and the determinant
-is the product of the pivots. Rows that are no rows on ξ (steering and rolling against their
-references) have H = 0. Singular configurations need no special case, for what the rows do not
-determine costs every hypothesis the same.
+Elimination of ξ from [H z]ᵀ R_h⁻¹ [H z], a matrix of 4 × 4 of which the upper triangle is enough,
+leaves the minimum, and the determinant is the product of the pivots. Rows that are no rows on ξ
+(steering and rolling against their references) have H = 0. Singular configurations need no special
+case, for what the rows do not determine costs every hypothesis the same.
 """
 
 import numpy as np
@@ -18,6 +18,9 @@ from wackel_kinematics.array import Floats
 WIDE = 1e-4
 """One over the variance of the twist before anything is measured: 100 m/s, 100 rad/s. It keeps the
 algebra regular where rows are missing, and is nothing beside any row."""
+
+_UPPER = {size: np.triu_indices(size) for size in (2, 3, 4)}
+"""Row and column of each element of an upper triangle."""
 
 
 class Bank:
@@ -44,9 +47,9 @@ class Bank:
         # The last row is WIDE, which no hypothesis changes.
         self._weights = np.ones((rows + 1, count))
         self._columns = np.empty((4, rows))
-        self._products = np.empty((4, 4, rows + 1))
-        self._products[..., rows] = np.diag([WIDE, WIDE, WIDE, 0.0])
-        self._normal: Floats = np.zeros((4, 4, count))
+        self._products = np.empty((10, rows + 1))
+        self._products[:, rows] = np.diag([WIDE, WIDE, WIDE, 0.0])[_UPPER[4]]
+        self._normal: Floats = np.zeros((10, count))
 
     def evaluate(self, z: Floats, h: Floats, variance: Floats, size: Floats) -> Floats:
         """Logarithms of the likelihoods, shape (K,), up to a constant that all share.
@@ -58,29 +61,30 @@ class Bank:
             size: What the factors of the spread are shares of, shape (M,).
         """
         inverse = np.reciprocal(variance)
-        ratio = (size * size * inverse)[self._row]
+        ratio = (size * size * inverse).take(self._row)
         ratio *= self._factor
         ratio += 1.0
-        weight = inverse[self._row]
+        weight = inverse.take(self._row)
         weight /= ratio
         weights, columns, products = self._weights, self._columns, self._products
         # Written straight to its place; without "clip", numpy would write to a copy first.
         weight.take(self._chosen, out=weights[:-1], mode="clip")
         columns[:3] = h.T
         columns[3] = z
-        np.multiply(columns[:, None], columns, out=products[..., :-1])
-        one = self._normal = products.reshape(16, -1).dot(weights).reshape(4, 4, -1)
-        two = _eliminate(one)
-        three = _eliminate(two)
+        left, right = _UPPER[4]
+        np.multiply(columns.take(left, 0), columns.take(right, 0), out=products[:, :-1])
+        one = self._normal = products.dot(weights)
+        two = _eliminate(one, 4)
+        three = _eliminate(two, 3)
         costs: Floats = np.log(ratio).dot(self._choice)
-        costs += np.log(one[0, 0] * two[0, 0] * three[0, 0])
-        costs += three[1, 1] - three[0, 1] ** 2 / three[0, 0]
+        costs += np.log(one[0] * two[0] * three[0])
+        costs += three[2] - three[1] ** 2 / three[0]
         costs *= -0.5
         return costs
 
     def covariance(self) -> Floats:
         """Of the twist if nothing is wrong, from the last evaluation, shape (3, 3)."""
-        (a, b, c, _), (_, d, e, _), (_, _, f, _) = self._normal[:3, :, 0].tolist()
+        a, b, c, _, d, e, _, f, _, _ = self._normal[:, 0].tolist()
         # By cofactors: LAPACK takes longer to be called than this.
         p, q, r = d * f - e * e, c * e - b * f, b * e - c * d
         s, t, u = a * f - c * c, b * c - a * e, a * d - b * b
@@ -89,11 +93,15 @@ class Bank:
 
     def right(self) -> Floats:
         """Hᵀ R⁻¹ z if nothing is wrong, from the last evaluation."""
-        return self._normal[3, :3, 0]
+        return self._normal[[3, 6, 8], 0]
 
 
-def _eliminate(matrices: Floats) -> Floats:
-    """What the first row and column leave of symmetric matrices, shape (m − 1, m − 1, K)."""
-    first = matrices[0]
-    share = first[1:] / first[0]
-    return np.asarray(matrices[1:, 1:] - share[:, None] * first[1:])
+def _eliminate(matrices: Floats, size: int) -> Floats:
+    """What the first row and column leave of symmetric matrices, whose upper triangles are given,
+    shape (size · (size + 1) / 2, K)."""
+    first = matrices[1:size]
+    share = first / matrices[0]
+    row, column = _UPPER[size - 1]
+    taken = share.take(row, 0)
+    taken *= first.take(column, 0)
+    return np.asarray(matrices[size:] - taken)

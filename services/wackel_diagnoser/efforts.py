@@ -124,7 +124,8 @@ class Efforts:
     def off(self) -> list[bool]:
         """Which rolling motors are switched off while others are on."""
         rolling = self._torque[: self._rolls]
-        return [torque is False and any(rolling) for torque in rolling]
+        some_on = any(rolling)
+        return [some_on and torque is False for torque in rolling]
 
 
 def _towards(mean: Floats, value: Floats, share: float) -> Floats:

@@ -71,6 +71,7 @@ class Reference:
             for place, steers in zip(drive.xy.tolist(), drive.steers, strict=True)
         ]
         self._roll_wheels = drive.roll_wheels
+        self._rolls = drive.roll_wheels.tolist()
         self._radius = drive.roll_radius
         self._fixed_roll = drive.rows(drive.steering(np.zeros(n)))[drive.slide_count :]
         self._roll_steers = drive.steers[drive.roll_wheels]
@@ -92,7 +93,7 @@ class Reference:
         self._chosen = [3, 3]
         self._since_choice = 0.0
         self._steering_rate = LEAST_STEERING_RATE
-        self._turned_before = np.zeros(n)
+        self._turned_before = [0.0] * n
         self._unknown = Target(
             np.full(drive.n, np.nan),
             np.zeros(drive.n),
@@ -152,7 +153,7 @@ class Reference:
         self._learn_steering_rate(step)
         gap = self._goal - state
         moved = reached * gap
-        middle = (1.0 - reached * LAGS_S / dt) * gap
+        middle = gap - LAGS_S / dt * moved
         most = self._steering_rate * dt
         turned = moved[:, :n]
         angles = turned.ravel().tolist()
@@ -193,8 +194,7 @@ class Reference:
                 headings[i] = heading = heading + turn - math.pi * round(turn / math.pi)
             speeds[i] = ux * math.cos(heading) + uy * math.sin(heading)
         goal = self._goal
-        goal[: self._n] = headings
-        goal[self._n :] = np.array(speeds)[self._roll_wheels]
+        goal[:] = headings + [speeds[i] for i in self._rolls]
         if not self._all_steer:
             fixed = self._fixed_roll @ twist
             goal[self._n :] = np.where(self._roll_steers, goal[self._n :], fixed)
@@ -220,11 +220,13 @@ class Reference:
     def _learn_steering_rate(self, step: Step) -> None:
         """How fast the steering can turn: whatever is wrong, as one has turned, so it can; but a
         reading that jumps, which lasts one step, is no turn."""
-        turned = np.abs(step.steered) / step.seconds
-        lasting = float(np.fmin(turned, self._turned_before).max(initial=0.0))
-        self._turned_before = turned
-        if self._steering_rate < lasting <= FASTEST:
-            self._steering_rate = lasting
+        # Single numbers: for some wheels, Python is faster with them than numpy.
+        seconds, before = step.seconds, self._turned_before
+        turned = self._turned_before = [abs(angle) / seconds for angle in step.steered.tolist()]
+        for now, then in zip(turned, before, strict=True):
+            # NaN is not greater than anything.
+            if now > self._steering_rate < then and min(now, then) <= FASTEST:
+                self._steering_rate = min(now, then)
 
     def _learn(self, step: Step, learnt_s: float, middle: Floats) -> None:
         """Which lag the measurements follow."""
