@@ -113,7 +113,7 @@ class Diagnoser:
         self._kind_test: KindTest | None = None
         self._recent: deque[tuple[Measured, Floats, Floats, float]] = deque(maxlen=ALARM_STEPS)
         self._motion = ForcedMotion(layout) if can_force(layout.drive) else None
-        self._block: list[tuple[Step, Target, Measured]] = []
+        self._block: list[tuple[Step, Target, Measured, list[float]]] = []
         self._kind: Class = ""
         self._is_small = False
         self._complaint: Complaint | None = None
@@ -183,9 +183,10 @@ class Diagnoser:
         self._history.add(Moment(step.end, step.heading, measured.z[rows.rolls], target))
         if learning:
             self._learn(measured, variance, learnt_s, moving)
-        if not young and self._references.step(step, target, measured):
+        currents = self._efforts.currents
+        if not young and self._references.step(step, target, measured, currents):
             self._correct()
-        shown = Shown(step, target, measured, self._bias.value, self._efforts.currents)
+        shown = Shown(step, target, measured, self._bias.value, currents)
         self._small.step(shown, calm=calm)
         rows.lag_s = self._small.lag_s
         changed = self._judge(step, target, (measured, variance, efforts), likelihood)
@@ -281,10 +282,10 @@ class Diagnoser:
             else:
                 self._kind_test.step(*evidence, step.seconds)
             if self._motion is not None and self._kind_test.steering:
-                self._block.append((step, target, evidence[0]))
+                self._block.append((step, target, evidence[0], self._efforts.currents))
                 if len(self._block) >= FORCED_STEPS:
-                    worse = self._references.worse
-                    self._kind_test.force(self._block, self._rows, self._motion, worse)
+                    references = self._references
+                    self._kind_test.force(self._block, self._rows, self._motion, references)
                     self._block.clear()
             kind = self._kind_test.kind()
             if small is not None and self._is_small:

@@ -25,27 +25,38 @@ GRIP_M_S2 = 6.5
 GIVES_WAY_M_S = 0.06
 """What a wheel loses of its speed when its drive pushes with all its grip: velocity control without
 integral part."""
-CREEP_M_S = 0.005
-CREEP_SHARE = 0.02
+CREEP_M_S = 0.001
+CREEP_SHARE = 0.002
 """Slip at which a tyre has most of its grip: at rest, and by the speed. Tyres of cars have 5 %,
-small hard wheels less."""
+small hard wheels less. A wheel that stands 5° off slips more than either, so soft tyres do nearly
+the same as stiff ones; but who takes tyres for soft expects a stiff robot to be turned."""
 GYRATION = 0.8
 """Radius of gyration by the mean distance of the wheels."""
-ITERATIONS = 3
-"""The fourth changes yaw rates by less than the floor does."""
+FIRST_ITERATIONS = 12
+ITERATIONS = 2
+"""From nothing, and from the forces of a moment ago, until more of them change yaw rates by less
+than the floor does."""
 YAW = 0.006
 YAW_SHARE = 0.01
 """rad/s, and share of speed by length, by which predicted yaw rates miss a sound robot's."""
 ROLL_M_S = 0.003
 ROLL_SHARE = 0.005
 """The same of rolling speeds."""
+POWER_M2_S3 = 0.01
+POWER_SHARE = 0.03
+"""The same of the power that slip takes by mass: what it is anyway, and by the speed in m/s."""
+UNSURE = 0.4
+"""Share by which the effect of a wheel that stands off may be another: grip, load and tyres are
+only assumed."""
+REGULAR = 1e-6 * np.eye(3)
+"""For wheels that do not determine the motion."""
 BOUND = 9.0
 """Of the square of a normalised miss."""
 INDEPENDENT = 0.3
 """Share of a block of a tenth of a second that is new: robots do the same for longer."""
 
-Block = Sequence[tuple[Step, Target, Measured]]
-"""Some successive steps."""
+Block = Sequence[tuple[Step, Target, Measured, list[float]]]
+"""Some successive steps, with the currents of the rolling motors."""
 
 
 def can_force(drive: Drive) -> bool:
@@ -64,6 +75,8 @@ class Observed:
         rolled: At which it did.
         yaw: The gyros' rate, rad/s.
         acceleration: Commanded, in the robot frame, shape (3,).
+        power: That motors delivered, A m/s; NaN where currents are not known.
+        causes: What driving itself costs power for, see :class:`SlipPower`.
     """
 
     heading: Floats
@@ -72,29 +85,61 @@ class Observed:
     rolled: Floats
     yaw: float
     acceleration: Floats
+    power: float
+    causes: Floats
 
 
 def observe(block: Block, rows: Rows) -> Observed | None:
     """A block of two steps or more; ``None`` if anything is missing."""
-    gyros = np.array([measured.z[rows.gyros] for _, _, measured in block])
-    first, last = block[0][1].twist, block[-1][1].twist
-    present = np.array([measured.present for _, _, measured in block])
-    if not gyros.size or not present.all():
+    yaws = [measured.z[rows.gyros] for _, _, measured, _ in block]
+    begin, end = block[0][1], block[-1][1]
+    if not yaws[0].size or not all(measured.present.all() for _, _, measured, _ in block):
         return None
+    first, last = begin.twist, end.twist
     vx, vy, omega = (0.5 * (first + last)).tolist()
     seconds = (block[-1][0].end - block[0][0].end) / 1e9
+    rolled = np.array([measured.z[rows.rolls] for _, _, measured, _ in block])
+    current = np.array([current for _, _, _, current in block])
+    turned = float(yaws[-1].mean()) ** 2 - float(yaws[0].mean()) ** 2
+    hastened = float(end.speed.dot(end.speed) - begin.speed.dot(begin.speed))
     return Observed(
-        _mean([step.heading for step, _, _ in block]),
-        _mean([target.heading for _, target, _ in block]),
-        _mean([target.speed for _, target, _ in block]),
-        _mean([measured.z[rows.rolls] for _, _, measured in block]),
-        float(gyros.mean()),
+        _mean([step.heading for step, _, _, _ in block]),
+        _mean([target.heading for _, target, _, _ in block]),
+        _mean([target.speed for _, target, _, _ in block]),
+        _mean(rolled),
+        float(np.add.reduce(yaws).sum()) / (len(yaws) * yaws[0].size),
         (last - first) / seconds + np.array([-omega * vy, omega * vx, 0.0]),
+        float(np.vdot(current, rolled)) / len(block),
+        np.array(
+            (
+                float(np.vdot(rolled, rolled)) / len(block),
+                0.5 * hastened / seconds,
+                0.5 * turned / seconds,
+                float(np.abs(rolled).sum()) / len(block),
+            )
+        ),
     )
 
 
-def _mean(values: list[Floats]) -> Floats:
+def _mean(values: Sequence[Floats] | Floats) -> Floats:
     return np.asarray(np.add.reduce(values) / len(values))
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How the robot moves in each of K cases.
+
+    Attributes:
+        yaw: Rates, rad/s, shape (K,).
+        rolled: Speeds of the wheels, m/s, shape (K, n).
+        force: With which each drives the robot, by its mass, m/s², shape (K, n).
+        weights: Of slide and roll rows, 1/s, shape (K, 2 n).
+    """
+
+    yaw: Floats
+    rolled: Floats
+    force: Floats
+    weights: Floats
 
 
 class ForcedMotion:
@@ -114,53 +159,96 @@ class ForcedMotion:
         self._stiffness = self._grip / GIVES_WAY_M_S
         self._length_m = length
 
-    def misses(self, seen: Observed, heading: Floats) -> Floats:
-        """By how much what is seen misses what would be if wheels stood like this: squares by their
-        variance, of the yaw rate and of each wheel's speed, shape (K, 1 + n).
+    def move(self, seen: Observed, heading: Floats, before: Motion | None) -> Motion:
+        """How the robot would move in a block if wheels stood like this.
+
+        Args:
+            seen: The block.
+            heading: True headings in each of K cases, shape (K, n).
+            before: The same cases a moment ago.
+        """
+        return self.predict(heading + self._to_beta, seen.speed, seen.acceleration, before)
+
+    def compare(
+        self, seen: Observed, motion: Motion, power: float, worse: Floats, costly: Floats
+    ) -> tuple[Floats, Floats]:
+        """How well each case explains what is seen.
 
         Args:
             seen: A block.
-            heading: True headings in each of K cases, shape (K, n).
+            motion: Of the cases; nothing is wrong in the first.
+            power: That slip took by mass, m²/s³; NaN if unknown.
+            worse: How much larger variances are than expected, shape (2 + n,).
+            costly: Power that the same floor takes in each of F further cases in which no wheel
+                stands off, m²/s³, shape (F,).
+
+        Returns:
+            Twice the negative logarithms of the likelihoods, up to a constant, shape (K + F,); and
+            how far the first case misses yaw rate, rolling speeds and power: squares by their
+            variances, shape (2 + n,).
         """
-        yaw, rolled = self.predict(heading + self._to_beta, seen.speed, seen.acceleration)
         fast = float(np.abs(seen.speed).max())
-        off = np.column_stack([yaw - seen.yaw, rolled - seen.rolled])
-        variance = np.full(1 + self._n, ROLL_M_S**2 + (ROLL_SHARE * fast) ** 2)
+        variance = np.full(2 + self._n, ROLL_M_S**2 + (ROLL_SHARE * fast) ** 2)
         variance[0] = YAW**2 + (YAW_SHARE * fast / self._length_m) ** 2
-        return np.asarray(off * off / variance)
+        variance[-1] = (POWER_M2_S3 + POWER_SHARE * fast) ** 2
+        cases = len(motion.yaw)
+        effect = np.zeros((cases + len(costly), 2 + self._n))
+        effect[:cases, 0] = motion.yaw - motion.yaw[0]
+        effect[:cases, 1:-1] = motion.rolled - motion.rolled[0]
+        slipped = np.vecdot(motion.force, motion.rolled)
+        effect[:cases, -1] = slipped - slipped[0]
+        effect[cases:, -1] = costly
+        off = np.concatenate((motion.yaw[:1] - seen.yaw, motion.rolled[0] - seen.rolled, (-power,)))
+        squares = off * off / variance
+        if not math.isfinite(power):
+            off[-1], effect[:, -1] = 0.0, 0.0
+        usual = variance * worse
+        miss = off + effect
+        wide = usual + (UNSURE * effect) ** 2
+        costs = np.minimum(miss * miss / wide, BOUND) + np.log(wide / usual)
+        return costs.sum(axis=1), squares
+
+    def grip_power(self, seen: Observed, angle: Floats) -> Floats:
+        """What it would cost by mass if a wheel of the mean speed stood off by each of some angles,
+        m²/s³."""
+        speed = float(np.abs(seen.speed).mean())
+        return np.asarray(self._grip * speed * np.abs(np.sin(angle)))
 
     def predict(
-        self, steering: Floats, speed: Floats, acceleration: Floats
-    ) -> tuple[Floats, Floats]:
-        """Yaw rates, rad/s, shape (K,), and rolling speeds of the wheels, m/s, shape (K, n).
+        self,
+        steering: Floats,
+        speed: Floats,
+        acceleration: Floats,
+        before: Motion | None = None,
+    ) -> Motion:
+        """How the robot moves.
 
         Args:
             steering: β of each wheel, in each of K cases, shape (K, n).
             speed: At which each wheel is told to roll, m/s, shape (n,).
             acceleration: Commanded, in the robot frame, shape (3,).
+            before: The same cases a moment ago.
         """
         n, stiffness = self._n, self._stiffness
         rows = self._drive.rows(steering)
         across = np.swapaxes(rows, 1, 2)
-        told = np.concatenate([np.zeros(n), speed])
+        told = np.concatenate((np.zeros(n), speed))
         creep = CREEP_M_S**2 + (CREEP_SHARE * float(np.abs(speed).max())) ** 2
         inertia = self._inertia * acceleration
-        normal = across @ rows
-        right = across @ told
-        rolled = np.broadcast_to(speed, steering.shape)
-        weights = np.empty((len(steering), 2 * n))
-        for _ in range(ITERATIONS):
-            normal[:, [0, 1, 2], [0, 1, 2]] += 1e-6
-            twist = np.linalg.solve(normal, right[:, :, None])
-            over = (rows @ twist)[:, :, 0]
-            slid, pushed = over[:, :n], rolled - over[:, n:]
-            weight = self._grip / np.sqrt(slid * slid + pushed * pushed + creep)
-            pull = weight * stiffness / (weight + stiffness)
-            rolled = speed - pull * (speed - over[:, n:]) / stiffness
-            weights[:, :n], weights[:, n:] = weight, pull
+        if before is None:
+            weights = np.full((len(steering), 2 * n), stiffness)
+            force: Floats = np.zeros(steering.shape)
+        else:
+            weights, force = before.weights.copy(), before.force
+        for left in range(FIRST_ITERATIONS if before is None else ITERATIONS, -1, -1):
             weighted = across * weights[:, None, :]
-            normal = weighted @ rows
             right = weighted @ told - inertia
-        twist = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
-        over = (rows[:, n:] @ twist[:, :, None])[:, :, 0]
-        return twist[:, 2], speed - weights[:, n:] * (speed - over) / stiffness
+            twist = np.linalg.solve(weighted @ rows + REGULAR, right[:, :, None])
+            over = (rows @ twist)[:, :, 0]
+            slower = speed - over[:, n:]
+            if left:
+                slid, pushed = over[:, :n], slower - force / stiffness
+                weight = self._grip / np.sqrt(slid * slid + pushed * pushed + creep)
+                weights[:, :n], weights[:, n:] = weight, weight * stiffness / (weight + stiffness)
+            force = weights[:, n:] * slower
+        return Motion(twist[:, 2, 0], speed - force / stiffness, force, weights)

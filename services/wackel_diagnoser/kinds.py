@@ -11,8 +11,9 @@ import math
 
 import numpy as np
 
-from wackel_diagnoser.forced import BOUND, INDEPENDENT, Block, ForcedMotion, observe
+from wackel_diagnoser.forced import INDEPENDENT, Block, ForcedMotion, Motion, observe
 from wackel_diagnoser.hypotheses import Class
+from wackel_diagnoser.references import ReferenceErrors
 from wackel_diagnoser.rows import Measured, Rows
 from wackel_kinematics.array import Bools, Floats
 
@@ -34,6 +35,7 @@ CHANGE = 1.0
 """Evidence for the other kind from which on what was said is taken back."""
 WEIGHT = 4.0
 """Evidence of an effort that is e times the limit."""
+NOTHING = np.zeros(0)
 WINDOW_S = 3.0
 """How long after the onset a kind is still reconsidered."""
 
@@ -64,6 +66,7 @@ class KindTest:
         self._effort_s = 0.0
         self._forced = 0.0
         self._is_forced = False
+        self._before: Motion | None = None
         self._kind: Class = ""
 
     def step(self, measured: Measured, variance: Floats, efforts: Floats, seconds: float) -> None:
@@ -101,7 +104,9 @@ class KindTest:
         own, others = np.sqrt(self._efforts / self._effort_s).tolist()
         return own, others
 
-    def force(self, block: Block, rows: Rows, motion: ForcedMotion, worse: Floats) -> None:
+    def force(
+        self, block: Block, rows: Rows, motion: ForcedMotion, references: ReferenceErrors
+    ) -> None:
         """Takes in a block of steps of a steering: does it stand where it says, or where it is
         told?
 
@@ -109,16 +114,18 @@ class KindTest:
             block: The steps.
             rows: How measurements are numbered.
             motion: How wheels force each other.
-            worse: How much larger the variances of that are than expected.
+            references: How well that is known of this robot, and what driving costs it.
         """
         seen = observe(block, rows)
         wheel = self._own - len(self._others)
         if seen is None or not math.isfinite(float(seen.told[wheel])):
             return
         headings = np.array([seen.heading, seen.heading])
-        headings[1, wheel] = seen.told[wheel]
-        costs = np.minimum(motion.misses(seen, headings) / worse, BOUND).sum(axis=1)
-        self._forced += 0.5 * INDEPENDENT * float(costs[1] - costs[0])
+        headings[0, wheel] = seen.told[wheel]
+        self._before = motion.move(seen, headings, self._before)
+        power = references.slip_power(seen)
+        costs, _ = motion.compare(seen, self._before, power, references.worse, NOTHING)
+        self._forced += 0.5 * INDEPENDENT * float(costs[0] - costs[1])
         self._is_forced = True
 
     def kind(self) -> Class:

@@ -3,9 +3,10 @@
 A wheel that points elsewhere than it says fights all others. They slip a little, their drives give
 way, and the robot turns otherwise than its wheels say, in a way that depends on the motion. So the
 motion is predicted (:mod:`wackel_diagnoser.forced`) for a right zero and for errors of several
-sizes of each wheel, and compared with what the gyro and the rolling wheels show. Evidence gathers
-over many headings; an error is named once it explains them far better than calibration does, and
-better than that of any other wheel.
+sizes of each wheel, and compared with what the gyro, the rolling wheels and the power of their
+motors show (:mod:`wackel_diagnoser.slip_power`). Evidence gathers over many headings; an error is
+named once it explains them far better than calibration does, and better than that of any other
+wheel, or than a floor on which all wheels roll hard.
 """
 
 from dataclasses import dataclass
@@ -13,10 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from wackel_diagnoser.forced import (
-    BOUND,
     INDEPENDENT,
     Block,
     ForcedMotion,
+    Motion,
+    Observed,
     can_force,
     observe,
 )
@@ -24,6 +26,7 @@ from wackel_diagnoser.reference import Target
 from wackel_diagnoser.rows import Measured, Rows
 from wackel_diagnoser.scaling import Scaling
 from wackel_diagnoser.sequential import threshold
+from wackel_diagnoser.slip_power import SlipPower
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
 from wackel_kinematics.array import Floats
@@ -48,8 +51,11 @@ MOST_TOLD = 1.5
 convicts."""
 CLEAR = 5.0
 """Logarithm of how much likelier it is than an error of any other wheel."""
-SUSPECTED = 3.0
-"""The same against none at all, from which on nothing is learnt."""
+SUSPECTED = 6.0
+"""The same against none at all, from which on nothing is learnt, and every block is looked at; else
+every second."""
+FIRST_S = 5.0
+"""Of driving, in which only is learnt how much the motion misses what is predicted."""
 MEMORY_S = 20.0
 """Of driving: calibration that fits an error a little shall not convict in an hour."""
 MARGIN = 1.4
@@ -93,46 +99,76 @@ class ReferenceErrors:
             first = 1 + wheel * len(SIZES)
             cases[first : first + len(SIZES), wheel] = SIZES
         self._cases = cases
-        self._scaling = Scaling(1 + n, first=3.0, least=1.0)
-        self._evidence = np.zeros((n, len(SIZES)))
+        self._power = SlipPower()
+        self._before: Motion | None = None
+        self._scaling = Scaling(2 + n, first=3.0, least=1.0)
+        # Of each wheel's errors, and of a floor that costs as much.
+        self._evidence = np.zeros((n + 1, len(SIZES)))
         self._limit = MARGIN * threshold(n * len(SIZES), 1 / BLOCK_S)
-        self._steps: list[tuple[Step, Target, Measured]] = []
-        self._seconds = 0.0
+        self._steps: list[tuple[Step, Target, Measured, list[float]]] = []
+        self._seconds = self._skipped_s = self._driven_s = 0.0
         self.found: WrongZero | None = None
 
     @property
     def worse(self) -> Floats:
-        """How much larger the variances of misses are than expected, shape (1 + n,)."""
-        return np.minimum(self._scaling.factors, WORST)
+        """How much larger the variances of misses are than expected, shape (2 + n,)."""
+        worse = np.minimum(self._scaling.factors, WORST)
+        worse[-1] = self._scaling.factors[-1]
+        return worse
 
     @property
     def suspected(self) -> bool:
-        """Whether one explains the motion better than none does."""
-        return bool(self._evidence.max() > SUSPECTED)
+        """Whether one explains the motion better than none does, and than the floor."""
+        sure = self._evidence.max(axis=1)
+        most = float(sure[:-1].max())
+        return most > SUSPECTED and most > float(sure[-1]) - CLEAR
 
-    def step(self, step: Step, target: Target, measured: Measured) -> bool:
-        """Takes in a step; says whether what is known to be wrong has changed."""
+    def slip_power(self, seen: Observed) -> float:
+        """What slip takes of a block's power, by mass, m²/s³; NaN if unknown."""
+        return self._power.left(seen.power, seen.causes, len(seen.rolled))
+
+    def step(self, step: Step, target: Target, measured: Measured, current: list[float]) -> bool:
+        """Takes in a step; says whether what is known to be wrong has changed.
+
+        Args:
+            step: What the sensors said.
+            target: What the wheels should have done.
+            measured: The rows of that.
+            current: Of the rolling motors, A or share of load; NaN if unknown.
+        """
         if self._motion is None:
             return False
-        self._steps.append((step, target, measured))
+        self._steps.append((step, target, measured, current))
         self._seconds += step.seconds
         if self._seconds < BLOCK_S or len(self._steps) < LEAST_STEPS:
             return False
         block, seconds = self._steps, self._seconds
         self._steps, self._seconds = [], 0.0
-        if not self._compare(block, seconds):
+        if not self._skipped_s and self.found is None and not self.suspected:
+            self._skipped_s = seconds
+            return False
+        stands_for, self._skipped_s = seconds + self._skipped_s, 0.0
+        if not self._compare(block, seconds, stands_for):
             return False
         before, self.found = self.found, self._look()
         return (before is None) != (self.found is None) or (
             before is not None and self.found is not None and before.wheel != self.found.wheel
         )
 
-    def _compare(self, block: Block, seconds: float) -> bool:
-        """Gathers the evidence of a block; says whether there was any."""
+    def _compare(self, block: Block, seconds: float, stands_for: float) -> bool:
+        """Gathers the evidence of a block; says whether there was any.
+
+        Args:
+            block: The steps.
+            seconds: How long they took.
+            stands_for: And with those that were not looked at.
+        """
         seen = observe(block, self._rows)
-        if self._motion is None or seen is None:
+        motion = self._motion
+        if motion is None or seen is None:
+            self._before = None
             return False
-        turned = max(float(np.abs(step.steered).max()) for step, _, _ in block)
+        turned = max(float(np.abs(step.steered).max()) for step, _, _, _ in block)
         off = np.abs(seen.rolled - seen.speed) - FOLLOWS_SHARE * np.abs(seen.speed)
         if not (
             off.max() < FOLLOWS_M_S
@@ -140,13 +176,19 @@ class ReferenceErrors:
             and turned < TURNING_RAD_S * seconds / len(block)
         ):
             return False
-        squares = self._motion.misses(seen, seen.heading + self._cases)
+        self._before = motion.move(seen, seen.heading + self._cases, self._before)
+        power, floor = self.slip_power(seen), motion.grip_power(seen, SIZES)
+        costs, squares = motion.compare(seen, self._before, power, self.worse, floor)
         if not self.suspected:
-            self._scaling.learn(squares[0], np.ones(squares.shape[1], dtype=np.bool_), seconds)
-        costs = np.minimum(squares / self.worse, BOUND).sum(axis=1)
+            known = np.isfinite(squares)
+            self._scaling.learn(np.where(known, squares, 0.0), known, stands_for)
+            self._power.learn(seen.power, seen.causes, stands_for)
+        self._driven_s += stands_for
+        if self._driven_s < FIRST_S:
+            return False
         evidence = self._evidence
-        told = 0.5 * INDEPENDENT * (costs[0] - costs[1:])
-        evidence *= 1.0 - seconds / MEMORY_S
+        told = 0.5 * INDEPENDENT * stands_for / BLOCK_S * (costs[0] - costs[1:])
+        evidence *= 1.0 - stands_for / MEMORY_S
         evidence += np.minimum(told, MOST_TOLD).reshape(evidence.shape)
         evidence -= max(0.0, float(evidence.max()) - MOST * self._limit)
         np.maximum(evidence, 0.0, out=evidence)
@@ -156,7 +198,7 @@ class ReferenceErrors:
         """The error that explains most, if it is sure and clear."""
         evidence = self._evidence
         sure = evidence.max(axis=1)
-        wheel = int(sure.argmax())
+        wheel = int(sure[:-1].argmax())
         known = self.found is not None and self.found.wheel == wheel
         share = 0.5 if known else 1.0
         if sure[wheel] < share * self._limit:

@@ -7,9 +7,10 @@ import pytest
 
 from tests.diagnoser.rig import Rig
 from tests.odometry.simulation import steered_drive
-from wackel_diagnoser.forced import ForcedMotion
+from wackel_diagnoser.forced import GRIP_M_S2, ForcedMotion
 from wackel_drive.layout import Layout
 from wackel_kinematics.inverse import inverse
+from wackel_virtual.drive_simulation import Cycle
 
 ERROR_RAD = 0.15
 
@@ -20,9 +21,10 @@ def test_wheels_that_agree_are_forced_to_nothing(count: int) -> None:
     drive = layout.drive
     motion = inverse(drive, np.array([0.4, 0.1, 0.5]), drive.steering(np.zeros(count)))
     speed = drive.roll_radius * motion.wheel_rate
-    yaw, rolled = ForcedMotion(layout).predict(motion.steering[None, :], speed, np.zeros(3))
-    assert yaw == pytest.approx([0.5], abs=1e-4)
-    assert rolled[0] == pytest.approx(speed, abs=1e-4)
+    forced = ForcedMotion(layout).predict(motion.steering[None, :], speed, np.zeros(3))
+    assert forced.yaw == pytest.approx([0.5], abs=1e-4)
+    assert forced.rolled[0] == pytest.approx(speed, abs=1e-4)
+    assert np.vecdot(forced.force, forced.rolled) == pytest.approx([0.0], abs=1e-3)
 
 
 def test_a_wheel_that_stands_off_turns_the_robot_and_slows_it_on_both_sides_alike() -> None:
@@ -33,11 +35,60 @@ def test_a_wheel_that_stands_off_turns_the_robot_and_slows_it_on_both_sides_alik
     cases[0, 0] += ERROR_RAD  # front left, and
     cases[1, 3] -= ERROR_RAD  # front right, mirrored
     speed = drive.roll_radius * motion.wheel_rate
-    yaw, rolled = ForcedMotion(layout).predict(cases, speed, np.zeros(3))
+    forced = ForcedMotion(layout).predict(cases, speed, np.zeros(3))
+    yaw, rolled = forced.yaw, forced.rolled
     assert abs(yaw[0]) > 0.01
     assert yaw[0] == pytest.approx(-yaw[1], rel=1e-6)
     assert np.abs(rolled).sum(axis=1) == pytest.approx(np.abs(rolled).sum(axis=1)[::-1])
     assert np.abs(rolled).sum() < 2 * np.abs(speed).sum()
+
+
+@pytest.mark.parametrize("wheel", range(4))
+def test_the_motors_pay_for_what_one_wheel_slips(wheel: int) -> None:
+    layout = Layout(steered_drive(4))
+    drive = layout.drive
+    motion = inverse(drive, np.array([0.5, 0.1, 0.4]), drive.steering(np.zeros(4)))
+    speed = drive.roll_radius * motion.wheel_rate
+    cases = motion.steering[None, :].copy()
+    cases[0, wheel] += ERROR_RAD
+    forced = ForcedMotion(layout).predict(cases, speed, np.zeros(3))
+    slipped = GRIP_M_S2 / 4 * abs(speed[wheel]) * math.sin(ERROR_RAD)
+    assert np.vecdot(forced.force, forced.rolled) == pytest.approx([slipped], rel=0.2)
+
+
+def test_forces_of_a_moment_ago_lead_to_the_same_motion() -> None:
+    layout = Layout(steered_drive(4))
+    drive = layout.drive
+    forced = ForcedMotion(layout)
+    motion = inverse(drive, np.array([0.5, 0.0, 0.3]), drive.steering(np.zeros(4)))
+    cases = motion.steering + np.diag([ERROR_RAD] * 4)
+    speed = drive.roll_radius * motion.wheel_rate
+    before = forced.predict(cases, speed, np.zeros(3))
+    now, anew = (
+        forced.predict(cases + 0.02, 1.05 * speed, np.array([0.5, 0.0, 0.0]), start)
+        for start in (before, None)
+    )
+    assert now.yaw == pytest.approx(anew.yaw, abs=0.01)
+    assert now.rolled == pytest.approx(anew.rolled, abs=0.004)
+
+
+def test_a_floor_on_which_all_wheels_roll_hard_is_no_wrong_zero() -> None:
+    """A carpet costs each motor as much as a wheel that stands 9° off, by its speed."""
+    rig = Rig.of("tune/carpet")
+    rig.drive(12.0)
+    simulate = rig.simulation.step
+
+    def on_carpet(vx: float, vy: float, omega: float) -> Cycle:
+        cycle = simulate(vx, vy, omega)
+        for servo in cycle.state.servos[:4]:
+            assert servo.current is not None
+            assert servo.velocity is not None
+            servo.current += math.copysign(0.03, servo.velocity)
+        return cycle
+
+    rig.simulation.step = on_carpet  # type: ignore[method-assign]
+    rig.drive(8.0)
+    assert rig.reports == []
 
 
 @pytest.mark.parametrize("count", [3, 4])
