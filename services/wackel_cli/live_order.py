@@ -4,10 +4,11 @@ A recorder hears topics in an order of its own, earlier or later than a service,
 losses. What a service took in it tells on ``inputs/<service>/<instance>``; this puts that right.
 """
 
-from collections import defaultdict, deque
+from bisect import insort
+from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass
-from heapq import heappop, heappush
+from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import TypeAlias
 
 from wackel_schemas.inputs import Inputs
@@ -19,11 +20,13 @@ SILENCE_NS = 3_000_000_000
 BELATED_NS = 1_000_000_000
 """How much later than the word of it a message may be recorded."""
 
+_ARRIVED = attrgetter("arrived_ns")
+
 _Id: TypeAlias = tuple[str, int, int]
 """Key, boot, seq; publishers that do not number give the same one to many."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class Input:
     """A message that a service takes in.
 
@@ -31,16 +34,16 @@ class Input:
         key: Below the robot's name.
         message: What came.
         arrived_ns: When the recorder got it, or what it follows from, UTC ns.
+        id: By which a word names it.
     """
 
     key: str
     message: Message
     arrived_ns: int
+    id: _Id = field(init=False)
 
-    @property
-    def id(self) -> _Id:
-        """By which a word names it."""
-        return self.key, self.message.boot, self.message.seq
+    def __post_init__(self) -> None:
+        self.id = self.key, self.message.boot, self.message.seq
 
 
 class Restart:
@@ -63,10 +66,8 @@ class LiveOrder:
     def __init__(self) -> None:
         self.boot: int | None = None
         self.restarts = self.unknown = self.passed_over = self.lost_words = 0
-        self._count = 0
-        self._waiting: dict[int, Input] = {}  # by number
-        self._arrivals: list[tuple[int, int]] = []  # time and number, a heap
-        self._numbers: defaultdict[_Id, deque[int]] = defaultdict(deque)
+        self._waiting: dict[_Id, list[Input]] = {}
+        self._arrivals: deque[Input] = deque()  # in order; with some that wait no longer
         self._named: deque[tuple[_Id | Restart, int]] = deque()  # with the time of the word
         self._latest: dict[str, Input] = {}
         self._next_word = 0
@@ -74,10 +75,16 @@ class LiveOrder:
 
     def add(self, item: Input) -> None:
         """A message was recorded."""
-        self._waiting[self._count] = item
-        heappush(self._arrivals, (item.arrived_ns, self._count))
-        self._numbers[item.id].append(self._count)
-        self._count += 1
+        arrivals = self._arrivals
+        if arrivals and item.arrived_ns < arrivals[-1].arrived_ns:
+            insort(arrivals, item, key=_ARRIVED)  # it follows from one that has waited
+        else:
+            arrivals.append(item)
+        same = self._waiting.get(item.id)
+        if same is None:
+            self._waiting[item.id] = [item]
+        else:
+            same.append(item)
 
     def word(self, inputs: Inputs, now_ns: int) -> None:
         """The live service told what it took in."""
@@ -90,14 +97,7 @@ class LiveOrder:
         if inputs.seq != self._next_word:
             # What it told before is lost: most likely, what had arrived before this.
             self.lost_words += 1
-            known = (self._numbers[name][0] for name in names if self._numbers.get(name))
-            first = min(known, default=0)
-            taken = {name for name, _ in self._named}
-            self._named.extend(
-                (item.id, now_ns)
-                for number, item in self._waiting.items()
-                if number < first and item.id not in taken
-            )
+            self._named.extend((name, now_ns) for name in self._before(set(names)))
         self._next_word = inputs.seq + 1
         self._heard_ns = now_ns
         self._named.extend((name, now_ns) for name in names)
@@ -116,10 +116,11 @@ class LiveOrder:
                 self._latest.clear()
                 yield name
                 continue
-            numbers = self._numbers.get(name)
-            if numbers:
+            same = self._waiting.get(name)
+            if same:
                 newest[name[:2]] = name[2]
-                item = self._pop(numbers[0])
+                item = same[0]
+                self._remove(item)
             elif (again := self._latest.get(name[0])) is not None and again.id == name:
                 item = again  # a latched one, told again
             elif now_ns - named_ns <= BELATED_NS:
@@ -135,7 +136,8 @@ class LiveOrder:
             yield item
         if newest:
             self._pass_over(newest)
-        self._forget_arrivals()
+        while self._arrivals and not self._waits(self._arrivals[0]):
+            self._arrivals.popleft()
         if self._heard_ns is None or now_ns - self._heard_ns > SILENCE_NS:
             yield from self._arrived_by(now_ns - SILENCE_NS)
 
@@ -145,34 +147,41 @@ class LiveOrder:
         yield from self._arrived_by(None)
 
     def _arrived_by(self, limit_ns: int | None) -> Iterator[Input]:
-        while self._arrivals and (limit_ns is None or self._arrivals[0][0] <= limit_ns):
-            yield self._pop(self._arrivals[0][1])
-            self._forget_arrivals()
+        arrivals = self._arrivals
+        while arrivals and (limit_ns is None or arrivals[0].arrived_ns <= limit_ns):
+            item = arrivals.popleft()
+            if self._waits(item):
+                self._remove(item)
+                yield item
+
+    def _before(self, names: set[_Id]) -> list[_Id]:
+        """What had arrived before any of these, if any of them has, and is not named yet."""
+        named = {name for name, _ in self._named}
+        found: list[_Id] = []
+        for item in self._arrivals:
+            if self._waits(item):
+                if item.id in names:
+                    return found
+                if item.id not in named:
+                    found.append(item.id)
+        return []
 
     def _pass_over(self, newest: dict[tuple[str, int], int]) -> None:
         """Forgets what the live service cannot have got: it already had what came later."""
-        named = {name for name, _ in self._named}
-        late = [
-            number
-            for number, item in self._waiting.items()
-            if item.message.seq < newest.get(item.id[:2], 0) and item.id not in named
-        ]
-        for number in late:
-            self._pop(number)
-        self.passed_over += len(late)
+        late = {name for name in self._waiting if name[2] < newest.get(name[:2], 0)}
+        if late:
+            late.difference_update([name for name, _ in self._named])
+        for name in late:
+            self.passed_over += len(self._waiting.pop(name))
 
-    def _forget_arrivals(self) -> None:
-        """Of what waits no longer."""
-        while self._arrivals and self._arrivals[0][1] not in self._waiting:
-            heappop(self._arrivals)
+    def _waits(self, item: Input) -> bool:
+        return item in self._waiting.get(item.id, ())
 
-    def _pop(self, number: int) -> Input:
-        item = self._waiting.pop(number)
-        numbers = self._numbers[item.id]
-        numbers.remove(number)
-        if not numbers:
-            del self._numbers[item.id]
-        return item
+    def _remove(self, item: Input) -> None:
+        same = self._waiting[item.id]
+        same.remove(item)
+        if not same:
+            del self._waiting[item.id]
 
 
 def _ids(inputs: Inputs) -> Iterator[_Id]:
