@@ -115,6 +115,7 @@ class Diagnoser:
         self._motion = ForcedMotion(layout) if can_force(layout.drive) else None
         self._block: list[tuple[Step, Target, Measured, list[float]]] = []
         self._kind: Class = ""
+        self._said: Finding | None = None  # of a drive
         self._is_small = False
         self._complaint: Complaint | None = None
         self._off_s = [0.0] * len(layout.drive.roll_wheels)
@@ -301,6 +302,7 @@ class Diagnoser:
         self._heading_then = step.heading
         self._sound_s = self._travelled = 0.0
         self._kind_test, self._kind = None, ""
+        self._said = None
         self._block.clear()
         if len(components) != 1:
             return
@@ -425,6 +427,8 @@ class Diagnoser:
                 return self._finding("command_not_followed", path, "the wheels agree on another")
             return self._finding("gyro_deviates", path, "all wheels agree on another yaw rate")
         part, wheel = place
+        if self._said is not None and self._sound_s > 0.0:
+            return self._said  # a wheel that rolls again is still watched, and has no other fault
         history = self._history
         if self._kind == "sensor" and path not in free:
             what = "the gyro and the motors say that the robot moves as the others show"
@@ -437,10 +441,13 @@ class Diagnoser:
             return self._finding("steering_offset", path, f"it stands {off:+.1f}° off")
         share = history.standing_share(self._rows.roll_of(wheel), self._since)
         if share is not None and share >= BLOCKED:
-            return self._finding("wheel_blocked", path, "it stands though it is told to roll")
-        if share is not None and share >= STICKING:
-            return self._finding("wheel_sticks", path, f"it stood for {share:.0%} of the time")
-        return self._finding("wheel_deviates", path, "it slips against all others")
+            said = self._finding("wheel_blocked", path, "it stands though it is told to roll")
+        elif share is not None and share >= STICKING:
+            said = self._finding("wheel_sticks", path, f"it stood for {share:.0%} of the time")
+        else:
+            said = self._finding("wheel_deviates", path, "it slips against all others")
+        self._said = said
+        return said
 
     def _finding(
         self, code: str, path: str, summary: str, words: dict[str, str] | None = None

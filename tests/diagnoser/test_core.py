@@ -64,6 +64,27 @@ def test_a_steering_that_is_blocked_is_named_and_heals(warm: Rig) -> None:
     assert rig.reports[-1].status == "healed"
 
 
+@pytest.mark.parametrize("blocked_s", [0.5, 3.0])
+def test_a_wheel_that_is_freed_heals_and_is_called_nothing_else(
+    warm: Rig, blocked_s: float
+) -> None:
+    rig = warm.copy()
+    rig.inject("wheel_blocked", "w1")
+    rig.drive(blocked_s)
+    assert rig.active() == [("wheel_blocked", "wheel/w1/drive")]
+    rig.reports.clear()
+    rig.simulation.heal()
+    rig.drive(4.0)
+    assert [(each.code, each.status) for each in rig.reports] == [("wheel_blocked", "healed")]
+
+
+def test_a_wheel_that_sticks_is_told_from_one_that_is_blocked(warm: Rig) -> None:
+    rig = warm.copy()
+    rig.inject("wheel_temporarily_blocked", "w1", 0.5)
+    rig.drive(3.0)
+    assert rig.active() == [("wheel_sticks", "wheel/w1/drive")]
+
+
 def test_a_gyro_that_jumps_is_named(warm: Rig) -> None:
     rig = warm.copy()
     rig.inject("gyro_offset", value=0.2)
