@@ -40,7 +40,7 @@ Q = TypeVar("Q", bound=Record)
 R = TypeVar("R", bound=Message)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # each is one of a kind; looked up for every message
 class Topic(Generic[M]):
     """A key pattern below ``wackel/<robot>/`` and the type published there.
 
@@ -145,7 +145,8 @@ def topic_of(key: str) -> "Topic[Message] | None":
     return None
 
 
-def chunk_of(topic: Topic[M], key: str, name: str) -> str:
+@lru_cache(maxsize=1024)  # as above
+def chunk_of(topic: "Topic[Message]", key: str, name: str) -> str:
     """The named chunk of a key, such as the bus of ``bus/main/state``.
 
     Raises:
