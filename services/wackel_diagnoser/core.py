@@ -116,6 +116,7 @@ class Diagnoser:
         self._block: list[tuple[Step, Target, Measured, list[float]]] = []
         self._kind: Class = ""
         self._said: Finding | None = None  # of a drive
+        self._steers_wrong = False
         self._is_small = False
         self._complaint: Complaint | None = None
         self._off_s = [0.0] * len(layout.drive.roll_wheels)
@@ -185,7 +186,12 @@ class Diagnoser:
         if learning:
             self._learn(measured, variance, learnt_s, moving)
         currents = self._efforts.currents
-        if not young and self._references.step(step, target, measured, currents):
+        # A steering that shows something else than it is told would be taken for a wrong zero.
+        if (
+            not young
+            and not self._steers_wrong
+            and self._references.step(step, target, measured, currents)
+        ):
             self._correct()
         shown = Shown(step, target, measured, self._bias.value, currents)
         self._small.step(shown, calm=calm)
@@ -303,10 +309,12 @@ class Diagnoser:
         self._sound_s = self._travelled = 0.0
         self._kind_test, self._kind = None, ""
         self._said = None
+        places = [self._hypotheses.place(path) for path in components]
+        self._steers_wrong = any(place is not None and place[0] == "steering" for place in places)
         self._block.clear()
         if len(components) != 1:
             return
-        place = self._hypotheses.place(components[0])
+        place = places[0]
         if place is None:
             self._kind = "sensor" if components[0].startswith("gyro/") else ""
             return

@@ -107,3 +107,11 @@ def test_a_wrong_zero_is_named_with_its_angle_and_excluded(count: int) -> None:
     assert angle == pytest.approx(ERROR_RAD, abs=math.radians(5))
     assert rig.exclusions is not None
     assert [each.component for each in rig.exclusions.excluded] == ["wheel/w1/steering"]
+
+
+def test_a_steering_whose_sensor_is_off_has_no_wrong_zero_as_well() -> None:
+    rig = Rig.of("tune/long/fast/3/0", 3)
+    rig.drive(20.0)
+    rig.inject("steering_sensor_offset", "w1", math.radians(4))
+    rig.drive(15.0)
+    assert rig.active() == [("steering_sensor", "wheel/w1/steering")]
