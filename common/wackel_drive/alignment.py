@@ -110,11 +110,16 @@ class Alignment:
         Returns:
             Whether any of it was taken; else no step can have become due.
         """
-        tracks = self._by_bus.get(bus, {})
+        tracks = self._by_bus.get(bus)
+        if tracks is None:
+            return False
         stamp, believed, taken = state.stamp, False, False
         for servo in state.servos:
-            track, position, velocity = tracks.get(servo.id), servo.position, servo.velocity
-            if track is None or (position is None and velocity is None):
+            track = tracks.get(servo.id)
+            if track is None:
+                continue
+            position, velocity = servo.position, servo.velocity
+            if position is None and velocity is None:
                 continue
             if not believed and not self._fits(stamp, bus):
                 return False
