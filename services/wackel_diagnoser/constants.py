@@ -6,6 +6,7 @@ rolling, and how drives give way to their load. The twist is eliminated, so that
 are compared with each other only.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import NamedTuple
@@ -71,7 +72,8 @@ class Constants:
         gyro: What each gyro shows too much, rad/s.
         steering_lag, rolling_lag: s by which wheels follow what their encoders show.
         off: By how much each drive is faster than its reference, as a share.
-        gives_way: m/s by A.
+        gives_way: By how much drives are slower for what they push, m/s by A.
+        late: By how much they are later than their references, s, which pushing would explain too.
         stands: By how much each steering stands left of its reference, rad.
         kinds: Parameters of which the noise is of the same kind.
         prior: One over the variance of each before driving, shape (P,).
@@ -83,12 +85,12 @@ class Constants:
         drive, self._rows = layout.drive, rows
         slides, rolls = drive.slide_wheels.tolist(), drive.roll_wheels.tolist()
         steered = [i for i in slides if drive.steers[i]]
-        counts = (len(slides), len(rolls), len(gyros), 1, 1, len(rolls), 1, len(steered))
+        counts = (len(slides), len(rolls), len(gyros), 1, 1, len(rolls), 1, 1, len(steered))
         places = [range(a, b) for a, b in pairwise(np.cumsum([0, *counts]).tolist())]
         self.direction, self.scale, self.gyro, (self.steering_lag,), (self.rolling_lag,) = places[
             :5
         ]
-        self.off, (self.gives_way,), self.stands = places[5:]
+        self.off, (self.gives_way,), (self.late,), self.stands = places[5:]
         self.count = self.stands.stop
         self._moving = self.rolling_lag + 1  # parameters of rows on the twist
         self._giving = slice(self.off.start, self.stands.start)
@@ -102,12 +104,13 @@ class Constants:
                 [gyro.bias_limit for gyro in gyros.values()],
                 (LAG_S, LAG_S),
                 np.full(len(rolls), OFF_SHARE),
-                (GIVES_WAY,),
+                (GIVES_WAY, LAG_S),
                 np.full(len(steered), OFF_RAD),
             )
         )
         self.prior: Floats = sigma**-2
         self._slide_wheels = drive.slide_wheels
+        self._steers = drive.steers[slides]
         # What rolls under each slide row; what does not roll by itself tells nothing of direction.
         self._rolls = np.array([rolls.index(i) if i in rolls else 0 for i in slides], dtype=np.intp)
         self._rolls_itself = np.array([float(i in rolls) for i in slides])
@@ -117,9 +120,13 @@ class Constants:
     def equations(self, block: Sequence[Shown]) -> tuple[Floats, Floats]:
         """Information, shape (P, P), and right side, shape (P,), of a block of several steps."""
         rows, n = self._rows, len(block)
-        step, _, measured, bias, _ = block[n // 2]
+        first, last = block[0], block[-1]
+        measured, bias = block[n // 2].measured, block[n // 2].bias
         z = np.add.reduce([shown.measured.z for shown in block]) / n
-        present = np.logical_and.reduce([shown.measured.present for shown in block])
+        present = measured.present
+        whole = all(shown.measured.present is present for shown in block)  # as mostly
+        if not whole:
+            present = np.logical_and.reduce([shown.measured.present for shown in block])
         loose = LONGER * measured.loose
         information, right = np.zeros((self.count, self.count)), np.zeros(self.count)
 
@@ -129,15 +136,18 @@ class Constants:
         own = rolled[self._rolls] * self._rolls_itself if len(rolled) else self._rolls_itself
         causes = np.zeros((end, moving))
         causes.flat[:: moving + 1] = np.concatenate((-own, rolled, np.ones(len(bias))))
-        lag = np.nan_to_num(own * step.steered[self._slide_wheels]) / step.seconds
+        seconds = (last.step.end - first.step.end) / 1e9
+        turned = (last.step.heading - first.step.heading).take(self._slide_wheels)
+        lag = np.where(self._steers, own * turned, 0.0) / seconds
+        faster = (last.target.speed - first.target.speed) / seconds
+        if not whole:
+            lag, faster = np.nan_to_num(lag), np.nan_to_num(faster)
         causes[slides, self.steering_lag] = lag
-        seconds = (block[-1].step.end - block[0].step.end) / 1e9
-        faster = np.nan_to_num(block[-1].target.speed - block[0].target.speed) / seconds
         causes[rolls, self.rolling_lag] = faster
         seen = z[:end].copy()
         seen[slides] += rows.lag_s * lag
         seen[rows.gyros] += bias
-        h = measured.h[:end]
+        h = np.add.reduce([shown.measured.h for shown in block])[:end] / n
         weight = present[:end] / (self._noise + loose[:end])
         weighted = h * weight[:, None]
         projection = -weighted @ np.linalg.inv(weighted.T @ h + REGULAR) @ weighted.T
@@ -148,10 +158,12 @@ class Constants:
 
         # Drives against their references.
         off, giving = z[rows.rolling], self._giving
-        current = np.nan_to_num(np.array([shown.current for shown in block])).mean(axis=0)
-        causes = np.zeros((len(off), len(off) + 1))
-        causes.flat[:: len(off) + 2] = rolled - off
-        causes[:, -1] = -current
+        current = np.add.reduce([shown.current for shown in block]) / n
+        if not math.isfinite(sum(current.tolist())):
+            current = np.nan_to_num(current)
+        causes = np.zeros((len(off), len(off) + 2))
+        causes.flat[:: len(off) + 3] = rolled - off
+        causes[:, -2], causes[:, -1] = -current, -faster
         weight = present[rows.rolling] / (SLIP_M_S**2 + loose[rows.rolling])
         by_cause = causes * weight[:, None]
         information[giving, giving] = causes.T @ by_cause

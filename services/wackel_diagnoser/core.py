@@ -470,6 +470,9 @@ class Diagnoser:
             if posterior[i] > 0.02 and name != path
         ]
         values: dict[str, float | int | str] = {"probability": round(here, 4)}
+        small = self._small.found
+        if small is not None and small.component == path:
+            values |= {"change": round(small.size, 5), "change_sigma": round(small.sigma, 5)}
         if self._kind_test is not None:
             strain, strained = self._kind_test.strains
             for name, value in (

@@ -79,6 +79,7 @@ class Rows:
         names: ``wheel/<name>/slide``, ``…/roll``, ``gyro/<name>``, ``…/steering`` and
             ``…/rolling`` (against the references).
         slides, rolls, gyros, steering, rolling: Where each kind stands among the rows.
+        lag_s: By how much wheels follow later than their steering's encoders show.
     """
 
     def __init__(

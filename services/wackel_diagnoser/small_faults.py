@@ -44,6 +44,10 @@ CLEAR = 6.0
 UNEXPLAINED = 0.2
 """Share of the evidence that may be left when the part has explained its own: of more than one
 part's, or of what is no change of constants, this knows nothing."""
+SHOCKED = 2
+"""Looks that a shock may spoil, if it falls between them."""
+AGREE = 3
+"""Looks in a row that must name the same: those that a shock spoilt leave the first window."""
 SURER = 3.0
 """Logarithm of how much likelier another kind must be."""
 YIELDS = 0.2
@@ -120,11 +124,11 @@ class SmallFaults:
     def forget(self) -> None:
         """What was seen of late belongs to another time, or to another fault."""
         self.found: Change | None = None
-        self._before = ""
+        self._before: list[str] = []
         self._block: list[Shown] = []
         self._block_s = self._look_s = 0.0
         self._look = _Sums(self._constants.count)
-        self._looks: deque[tuple[Floats, Floats]] = deque()
+        self._looks: deque[tuple[Floats, Floats, bool]] = deque()
         self._windows = [_Sums(self._constants.count) for _ in WINDOWS]
 
     def step(self, shown: Shown, *, calm: bool) -> None:
@@ -159,22 +163,23 @@ class SmallFaults:
             factor = float(scaling.factors[kind].mean())
             information[kind, kind] /= factor
             right[kind] /= factor
+        odd = bool(squares.max() > SURE * scaling.factors.max())
         young = self._driven < DELAY
         if young:
             self._learn(information, right, seconds)
             self._driven += moving
             top = 0.0
         else:
-            self._looks.append((information, right))
+            self._looks.append((information, right, odd))
             for window, length in zip(self._windows, WINDOWS, strict=True):
                 window.add(information, right)
                 if len(self._looks) > length:
-                    window.add(*self._looks[-1 - length], -1.0)
+                    window.add(*self._looks[-1 - length][:2], -1.0)
             top = self._search(usual, covariance)
             if len(self._looks) > DELAY:
-                oldest = self._looks.popleft()
-                if calm and top < SUSPECTED:
-                    self._learn(*oldest, seconds)
+                old, of_it, shocked = self._looks.popleft()
+                if calm and top < SUSPECTED and not shocked:
+                    self._learn(old, of_it, seconds)
         if calm and top < SUSPECTED:
             scaling.learn(squares, heard, seconds)
             self.lag_s = float(usual[self._constants.steering_lag])
@@ -196,9 +201,10 @@ class SmallFaults:
                 return top
             now = now or self._name(tests, looks)
         if found is None:
-            # Twice the same: it lasts, and what began within a look has become clear.
-            self.found = now if now is not None and now.component == self._before else None
-            self._before = now.component if now is not None else ""
+            # It lasts, and what began within a look has become clear.
+            self._before = [*self._before, now.component if now is not None else ""][-AGREE:]
+            if now is not None and self._before == [now.component] * AGREE:
+                self.found = now
         elif now is not None and now.component == found.component:
             self.found = now
         return top
@@ -234,17 +240,16 @@ class SmallFaults:
         )
 
     def _lasts(self, tests: "_Tests", best: int, looks: int) -> bool:
-        """Whether it also shows without the look that speaks for it most: no shock does."""
+        """Whether it also shows without the looks that speak for it most, which no shock does."""
         change = self._changes[best] * math.copysign(1.0, tests.size[best])
-        each = [
+        each = sorted(
             (
                 float(change @ (right - information @ tests.usual)),
                 float(change @ information @ change),
             )
-            for information, right in list(self._looks)[-looks:]
-        ]
-        each.remove(max(each))
-        for_it, told = (sum(column) for column in zip(*each, strict=True)) if each else (0.0, 0.0)
+            for information, right, _ in list(self._looks)[-looks:]
+        )[: -min(SHOCKED, looks // 3)]
+        for_it, told = sum(a for a, _ in each), sum(b for _, b in each)
         return for_it > 0.0 and for_it * for_it > 0.5 * SURE * told
 
 

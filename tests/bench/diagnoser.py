@@ -45,7 +45,7 @@ ROBOTS = 100
 HEALTHY_S = 600.0
 """Driving without a fault of each robot of the second table."""
 SETTLE_S = 2.5
-SMALL_S = 5.0
+SMALL_S = 15.0
 """For how long the smallest faults that count are watched."""
 
 Physics = Literal["fast", "mujoco"]

@@ -1,0 +1,164 @@
+"""Small faults: found as changes of what is constant, and claimed only where motion shows them."""
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from tests.diagnoser.rig import GYRO, Rig
+from tests.odometry.simulation import differential_drive, steered_drive
+from wackel_diagnoser.constants import Constants, Shown
+from wackel_diagnoser.reference import Target
+from wackel_diagnoser.rows import Rows
+from wackel_diagnoser.small_faults import BLOCK_S, DELAY, LOOK_S, SmallFaults
+from wackel_drive.alignment import Step
+from wackel_drive.layout import Layout
+from wackel_kinematics.array import Floats
+from wackel_kinematics.inverse import inverse
+from wackel_node.config_drive import DriveConfig, GyroConfig
+from wackel_schemas import component
+
+GYROS = {GYRO: GyroConfig()}
+STEP_S = 0.01
+CURRENT_A = 0.2
+
+
+class Driven:
+    """Steps of a drive that does exactly what it is told, but for what is changed.
+
+    Attributes:
+        scale: Of what each wheel shows.
+        bias: Of the gyro, rad/s.
+        off: Of each steering from its reference, rad.
+    """
+
+    def __init__(self, config: DriveConfig) -> None:
+        self.layout = Layout(config)
+        self.rows = Rows(self.layout, config, GYROS)
+        n = self.layout.drive.n
+        self.scale, self.bias, self.off = np.ones(n), 0.0, np.zeros(n)
+        self._rng = np.random.default_rng(1)
+        self._now = 0
+
+    def shown(self, twist: Floats) -> Shown:
+        drive, n = self.layout.drive, self.layout.drive.n
+        begin, self._now = self._now, self._now + round(STEP_S * 1e9)
+        motion = inverse(drive, twist, drive.steering(np.zeros(n)))
+        heading = np.where(drive.steers, drive.heading(motion.steering), np.nan)
+        rates = np.full(n, np.nan)
+        rates[drive.roll_wheels] = motion.wheel_rate[drive.roll_wheels]
+        speed = drive.roll_radius * rates[drive.roll_wheels]
+        yaw = twist[2] + self.bias + self._rng.normal(0.0, 0.002)
+        zeros = np.zeros(n)
+        target = Target(heading, zeros, speed, np.zeros(len(speed)), heading, twist)
+        step = Step(
+            begin, self._now, heading + self.off, zeros, rates * self.scale, np.array([yaw])
+        )
+        measured = self.rows.measure(step, target, np.zeros(1))
+        return Shown(step, target, measured, np.zeros(1), [CURRENT_A] * len(speed))
+
+    def drive(self, seconds: float, speed: float = 1.0) -> Iterator[Shown]:
+        """On a path that turns slowly from one direction to another."""
+        for _ in range(round(seconds / STEP_S)):
+            t = self._now / 1e9
+            twist = [0.4 + 0.1 * math.sin(t), 0.2 * math.sin(0.7 * t), 0.5 * math.cos(0.4 * t)]
+            if not self.layout.drive.steers.any():
+                twist[1] = 0.0
+            yield self.shown(speed * np.array(twist))
+
+
+@pytest.mark.parametrize("config", [steered_drive(3), steered_drive(4), differential_drive()])
+def test_equations_tell_constants(config: DriveConfig) -> None:
+    driven = Driven(config)
+    constants = Constants(driven.layout, config, driven.rows, GYROS)
+    driven.scale[0], driven.bias = 1.01, 0.03
+    information, right = np.diag(constants.prior), np.zeros(constants.count)
+    shown = list(driven.drive(60.0))
+    for at in range(0, len(shown), 10):
+        more, of_it = constants.equations(shown[at : at + 10])
+        information += more
+        right += of_it
+    told = np.linalg.solve(information, right)
+    assert told[constants.gyro[0]] == pytest.approx(0.03, abs=0.004)
+    scale = told[list(constants.scale)]
+    assert scale[0] - scale[1] == pytest.approx(0.01, abs=0.002)
+    assert told[constants.off[0]] - told[constants.off[1]] == pytest.approx(0.01, abs=0.002)
+
+
+def followed(config: DriveConfig) -> tuple[Driven, SmallFaults]:
+    driven = Driven(config)
+    small = SmallFaults(driven.layout, config, driven.rows, GYROS)
+    feed(driven, small, 2.5 * DELAY * LOOK_S)
+    assert small.found is None
+    return driven, small
+
+
+def feed(driven: Driven, small: SmallFaults, seconds: float, speed: float = 1.0) -> None:
+    for shown in driven.drive(seconds, speed):
+        small.step(shown, calm=True)
+
+
+def test_a_change_is_found_with_its_size_and_ends() -> None:
+    driven, small = followed(steered_drive(4))
+    driven.off[2] = math.radians(0.5)
+    feed(driven, small, 5.0)
+    assert small.found is not None
+    assert small.found.component == component.wheel_steering("w2")
+    assert small.found.size == pytest.approx(math.radians(0.5), rel=0.2)
+    driven.off[2] = 0.0
+    feed(driven, small, 5.0)
+    assert small.found is None
+
+
+def test_a_shock_is_no_change() -> None:
+    driven, small = followed(steered_drive(4))
+    driven.bias = 2.0
+    feed(driven, small, 2 * BLOCK_S)
+    driven.bias = 0.0
+    feed(driven, small, 2 * DELAY * LOOK_S)
+    assert small.found is None
+
+
+def test_all_drives_off_together_are_no_fault_of_one() -> None:
+    driven, small = followed(steered_drive(3))
+    driven.scale[:] = 0.8
+    feed(driven, small, 10.0)
+    assert small.found is None
+
+
+def test_what_this_motion_does_not_show_is_not_claimed() -> None:
+    driven, small = followed(steered_drive(4))
+    driven.scale[1] = 1.03
+    feed(driven, small, 10.0, speed=0.0)
+    assert small.found is None
+    feed(driven, small, 4.0)
+    assert small.found is not None
+    assert small.found.component == component.wheel_drive("w1")
+
+
+def test_a_gyro_that_jumps_is_found_at_rest() -> None:
+    driven, small = followed(steered_drive(3))
+    driven.bias = 0.02
+    feed(driven, small, 4.0, speed=0.0)
+    assert small.found is not None
+    assert small.found.component == component.gyro(GYRO)
+    assert small.found.size == pytest.approx(0.02, rel=0.2)
+
+
+@pytest.fixture(scope="module")
+def warm() -> Rig:
+    rig = Rig.of("tune/small")
+    rig.drive(30.0)
+    assert rig.reports == []
+    return rig
+
+
+@pytest.mark.parametrize(
+    ("kind", "code"), [("drive_scale", "wheel_deviates"), ("drive_sensor_scale", "wheel_sensor")]
+)
+def test_motor_and_sensor_are_told_apart(warm: Rig, kind: str, code: str) -> None:
+    rig = warm.copy()
+    rig.inject(kind, "w1", 0.03)
+    rig.drive(10.0)
+    assert rig.active() == [(code, "wheel/w1/drive")]
