@@ -54,6 +54,9 @@ SOUND_S = 1.0
 """For how long a part must have shown itself sound before it is healed."""
 UNSTUCK_S = 3.0
 """The same of a wheel that stood: one that sticks now and then rolls well in between."""
+STOOD = ("wheel_blocked", "wheel_sticks")
+AGAIN_NS = 30_000_000
+"""A wheel that has not stood for so long rolls again."""
 CONTRARY = 0.5
 """Evidence of one step for the fault that begins this anew."""
 TRAVELLED_RAD = 0.1
@@ -403,7 +406,7 @@ class Diagnoser:
         elif components:
             single = self._single(components[0], free)
             # A wheel without torque that swings in its play is no further fault; a blocked one is.
-            if components[0] not in free or single.code in ("wheel_blocked", "wheel_sticks"):
+            if components[0] not in free or single.code in STOOD:
                 found.append(single)
         reference = self._references.found
         if reference is not None:
@@ -435,9 +438,11 @@ class Diagnoser:
                 return self._finding("command_not_followed", path, "the wheels agree on another")
             return self._finding("gyro_deviates", path, "all wheels agree on another yaw rate")
         part, wheel = place
-        if self._said is not None and self._sound_s > 0.0:
-            return self._said  # a wheel that rolls again is still watched, and has no other fault
         history = self._history
+        if self._said is not None and self._said.code in STOOD:
+            now = max(self._since, self._examined - AGAIN_NS)
+            if not history.standing_share(self._rows.roll_of(wheel), now):
+                return self._said  # it rolls again: still watched, but with no other fault
         if self._kind == "sensor" and path not in free:
             what = "the gyro and the motors say that the robot moves as the others show"
             return self._finding(f"{'wheel' if part == 'drive' else part}_sensor", path, what)
