@@ -86,7 +86,9 @@ class IdleMotors:
         idle = NOISE**2 + (FRICTION * friction) ** 2
         driving = idle + usual * others
         told = np.log(driving / idle) + rest * rest / driving - alone * alone / idle
-        told[(usual < WORKS * NOISE**2) & (told > 0.0)] = 0.0
+        # At an even speed wheels push each other as they did before: nothing new.
+        quiet = (usual < WORKS * NOISE**2) | (np.abs(inertia) < NOISE)
+        told[quiet & (told > 0.0)] = 0.0
         self._sums += INDEPENDENT * np.clip(0.5 * told, -AGAINST, FOR)
         np.clip(self._sums, 0.0, MOST * self._limit, out=self._sums)
         self.found = [

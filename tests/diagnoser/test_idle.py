@@ -103,3 +103,12 @@ def test_servos_that_do_not_answer_are_not_blamed() -> None:
         rig.cycles += 1
         cycle.state.servos = [each for each in cycle.state.servos if each.id not in (1, 101)]
         assert [m for m in rig.feed(cycle) if isinstance(m, FaultReport)] == []
+
+
+def test_a_wheel_that_is_at_ease_at_an_even_speed_is_not_free() -> None:
+    rig = Rig.of("tune/paths/fast/4/1/0", 4)
+    for _ in range(2):
+        rig.drive(4.0, np.array([0.4, 0.0, 0.0]))
+        rig.drive(2.0, np.array([0.0, 0.0, 0.8]))
+        rig.drive(2.0, np.array([0.0, 0.4, 0.0]))
+    assert "wheel_free" not in {report.code for report in rig.reports}
