@@ -25,8 +25,8 @@ from wackel_schemas import component
 BLOCK_S = 0.1
 """Of a mean: encoder steps cancel, and wheels hardly turn."""
 LEAST_STEPS = 2
-LOOK_S = 0.5
-WINDOWS = (3, 8, 20)
+LOOK_S = 0.3
+WINDOWS = (3, 12, 33)
 """Looks in which a change is sought: what is clear is named in seconds, what is hardly larger than
 the tyres' slip in ten."""
 DELAY = WINDOWS[-1]
