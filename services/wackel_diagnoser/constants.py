@@ -120,8 +120,7 @@ class Constants:
     def equations(self, block: Sequence[Shown]) -> tuple[Floats, Floats]:
         """Information, shape (P, P), and right side, shape (P,), of a block of several steps."""
         rows, n = self._rows, len(block)
-        first, last = block[0], block[-1]
-        measured, bias = block[n // 2].measured, block[n // 2].bias
+        first, last, (_, _, measured, bias, _) = block[0], block[-1], block[n // 2]
         z = np.add.reduce([shown.measured.z for shown in block]) / n
         present = measured.present
         whole = all(shown.measured.present is present for shown in block)  # as mostly
@@ -148,7 +147,9 @@ class Constants:
         seen[slides] += rows.lag_s * lag
         seen[rows.gyros] += bias
         h = np.add.reduce([shown.measured.h for shown in block])[:end] / n
-        weight = present[:end] / (self._noise + loose[:end])
+        # What turns far meanwhile is not on average what its mean direction makes it.
+        bent = np.nan_to_num(own * turned * turned) / 12.0
+        weight = present[:end] / (self._noise + loose[:end] + float(bent.dot(bent)))
         weighted = h * weight[:, None]
         projection = -weighted @ np.linalg.inv(weighted.T @ h + REGULAR) @ weighted.T
         projection.flat[:: end + 1] += weight

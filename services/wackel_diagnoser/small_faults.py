@@ -31,6 +31,9 @@ WINDOWS = (3, 12, 33)
 the tyres' slip in ten."""
 DELAY = WINDOWS[-1]
 """Looks after which what was seen counts as normal, if nothing is suspected by then."""
+EARLIEST_S = -0.005
+LATEST_S = 0.03
+"""By how much wheels may follow later than encoders show: gears are stiffer; stamps may be late."""
 MOVING_M_S = 0.05
 NORMAL_S = 600.0
 """Over which the normal is forgotten: a gyro's bias and a floor change."""
@@ -166,8 +169,9 @@ class SmallFaults:
         odd = bool(squares.max() > SURE * scaling.factors.max())
         young = self._driven < DELAY
         if young:
-            self._learn(information, right, seconds)
-            self._driven += moving
+            if calm and not odd:
+                self._learn(information, right, seconds)
+                self._driven += moving
             top = 0.0
         else:
             self._looks.append((information, right, odd))
@@ -182,7 +186,7 @@ class SmallFaults:
                     self._learn(old, of_it, seconds)
         if calm and top < SUSPECTED:
             scaling.learn(squares, heard, seconds)
-            self.lag_s = float(usual[self._constants.steering_lag])
+            self.lag_s = min(max(float(usual[self._constants.steering_lag]), EARLIEST_S), LATEST_S)
 
     def _learn(self, information: Floats, right: Floats, seconds: float) -> None:
         normal, fade = self._normal, 1.0 - min(1.0, seconds / NORMAL_S)
