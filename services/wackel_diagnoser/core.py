@@ -201,8 +201,7 @@ class Diagnoser:
         rows.lag_s = self._small.lag_s
         changed = self._judge(step, target, (measured, variance, efforts), likelihood)
         self._watch_torque(step.seconds)
-        rolling = self._efforts.rolling()
-        if rolling is not None and self._steps_made % LEARN_EVERY == 0:
+        if self._steps_made % LEARN_EVERY == 0 and (rolling := self._efforts.rolling()) is not None:
             self._idle.step(step.seconds * LEARN_EVERY, target.speed, *rolling)
         suspected = (
             sequential.verdict != 0
@@ -275,7 +274,8 @@ class Diagnoser:
         if proposal is not None:
             names, now = (set(hypotheses.explanations[i]) for i in (proposal, verdict))
             if not names < now or (
-                self._sound_s >= self._sound_needed_s()
+                self._sound_s >= SOUND_S  # the least; how much it is takes long to say
+                and self._sound_s >= self._sound_needed_s()
                 and (small is None or small.component not in now)
             ):
                 sequential.accept(proposal)
