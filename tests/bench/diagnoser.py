@@ -180,8 +180,8 @@ KINDS = (
         ("ice_patch",),
         ("drive_disturbed",),
         named=0.0,
-        untold="the other wheels hold the robot on its way; only the motor of the one on ice eases, "
-        "and to be sure of that takes longer than a patch lasts",
+        untold="the other wheels hold the robot on its way; only the motor of the one on ice "
+        "eases, and to be sure of that takes longer than a patch lasts",
     ),
     Kind(
         "motor 3 % wrong",
