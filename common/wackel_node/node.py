@@ -109,6 +109,7 @@ class Node(Link):
         self.wake()
 
     def taken(self, key: str, message: Message) -> None:
+        """Also by services, of what is no message of a subscription and yet an input."""
         if self._journal is not None:
             self._journal.take(key, message)
             if self._journal.full:
