@@ -8,7 +8,7 @@ import msgspec
 from wackel_protocols.dynamixel2 import Instruction
 from wackel_schemas import wire
 from wackel_schemas.bus import BusCommand, BusState, BusStatistics, ServoState, Transaction
-from wackel_schemas.drive import Exclusions, ImuSample, Odometry, TwistCommand
+from wackel_schemas.drive import Exclusions, ImuSample, Odometry, PoseSet, TwistCommand
 from wackel_schemas.fault import FaultReport
 from wackel_schemas.health import Health, Heartbeat
 from wackel_schemas.inputs import Inputs
@@ -93,6 +93,9 @@ def _describe(message: Message) -> str:
                 f"at {message.x:+.3f} {message.y:+.3f} m, {message.theta:+.4f} rad  "
                 f"{_twist(message)}{doubt}"
             )
+        case PoseSet():
+            pose = message.request
+            return f"set to {pose.x:+.3f} {pose.y:+.3f} m, {pose.theta:+.4f} rad"
         case Inputs():
             keys = sorted({stream.key for stream in message.streams})
             return f"took in {len(message.order)} messages of {', '.join(keys)}"

@@ -26,7 +26,15 @@ from wackel_schemas.bus import (
     ServoState,
     Transaction,
 )
-from wackel_schemas.drive import Exclusion, Exclusions, ImuSample, Odometry, TwistCommand
+from wackel_schemas.drive import (
+    Exclusion,
+    Exclusions,
+    ImuSample,
+    Odometry,
+    OdometryRequest,
+    PoseSet,
+    TwistCommand,
+)
 from wackel_schemas.fault import Evidence, FaultReport
 from wackel_schemas.health import Health, Heartbeat
 from wackel_schemas.inputs import Inputs, InputStream
@@ -106,6 +114,10 @@ MESSAGES: dict[str, tuple[Message, str]] = {
         ),
         "at +1.000 -2.000 m, +0.5000 rad  vx +0.100 vy +0.000 m/s  omega +0.0000 rad/s  "
         "NOT VALID: one wheel is left",
+    ),
+    "odometry/pose_set": (
+        PoseSet(stamp=1, request=OdometryRequest(operation="set_pose", x=1.0, theta=0.5)),
+        "set to +1.000 +0.000 m, +0.5000 rad",
     ),
     "exclusions": (
         Exclusions(
