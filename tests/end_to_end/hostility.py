@@ -133,6 +133,13 @@ def _odometry() -> Iterator[dict[str, Any]]:
         }
 
 
+def _poses_set() -> Iterator[dict[str, Any]]:
+    for value in NO_NUMBERS:
+        yield {"request": {"operation": "set_pose", "x": value, "theta": value}}
+    yield {"request": {"operation": "x" * 10_000}}
+    yield {"request": 3}
+
+
 def _exclusions() -> Iterator[dict[str, Any]]:
     one = {"component": "wheel/left/drive", "fault": "sensor", "reason": "x" * 10}
     yield {"excluded": [one] * 2000}
@@ -221,6 +228,7 @@ _BODIES = {
     "imu/{name}": _samples,
     "command/twist": _twists,
     "odometry": _odometry,
+    "odometry/pose_set": _poses_set,
     "exclusions": _exclusions,
     "residuals": _residuals,
     "fault/{source}": _faults,
