@@ -138,7 +138,8 @@ class Ports:
         buses: Each with the path of its port, by name.
         taps: Paths of second adapters that only listen, by the name of their (tapped) bus.
         drive: What the buses' servos move.
-        on_sample: Called, in the thread, with what its gyros measure, and how long ago in ns.
+        on_sample: Called, in the thread, with what its gyros measure, and when: ns of the monotonic
+            clock.
 
     Raises:
         ConfigError: A port cannot be made.
@@ -239,7 +240,7 @@ class Ports:
                 if heard:
                     terminal.write(b"".join(data for _, data in heard))
             if self._drive is not None:
-                self._move(self._drive, now_ns)
+                self._move(self._drive, now_ns, origin_ns)
 
     def _due_ns(self, now_ns: int) -> int | None:
         """When there is something to do without the host; None: never."""
@@ -255,7 +256,7 @@ class Ports:
         times = [at for bus in self._buses.values() if (at := bus.next_ns()) is not None]
         return min(times, default=None)
 
-    def _move(self, drive: "CoupledDrive", now_ns: int) -> None:
+    def _move(self, drive: "CoupledDrive", now_ns: int, origin_ns: int) -> None:
         """Let the drive move in a pause of the wires, or if it has been left behind."""
         wire_ns = self._wire_ns()
         idle = wire_ns is None or wire_ns >= now_ns + PAUSE_NS
@@ -265,7 +266,7 @@ class Ports:
             drive.catch_up(now_ns)
         for sample in drive.samples(now_ns):
             if self._on_sample is not None:
-                self._on_sample(sample, now_ns - sample.at_ns)
+                self._on_sample(sample, origin_ns + sample.at_ns)
 
     def _run_calls(self, now_ns: int) -> bool:
         """Run what was submitted; False at the end."""

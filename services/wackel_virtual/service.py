@@ -39,9 +39,9 @@ def run(scenario: Scenario) -> None:
             if gyro.source == "topic"
         }
 
-        def on_sample(sample: "Sample", age_ns: int) -> None:
+        def on_sample(sample: "Sample", monotonic_ns: int) -> None:
             # On the thread of the wire, and nothing else uses these publishers.
-            stamp = node.clock.now_ns() - age_ns
+            stamp = node.clock.stamp_ns(monotonic_ns)
             gyros[sample.name].put(ImuSample(stamp=stamp, angular_velocity=sample.rates))
 
         buses = scenario.make()
