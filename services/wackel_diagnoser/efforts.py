@@ -28,6 +28,9 @@ class Efforts:
 
     What driving itself needs is taken off: a share of speed (friction) and a share of acceleration
     (mass), both learnt. What is left is what a wheel works against others or against an obstacle.
+
+    Attributes:
+        off_s: For how long each rolling motor has been switched off while others are on.
     """
 
     def __init__(self, layout: Layout) -> None:
@@ -42,7 +45,8 @@ class Efforts:
         self._current = [math.nan] * len(joints)
         self._read = [0] * len(joints)
         self._newest = 0
-        self._torque: list[bool | None] = [None] * len(joints)
+        self._torque: list[bool | None] = [None] * self._rolls
+        self.off_s = [0.0] * self._rolls
         self._unknown: Floats = np.full(len(joints), np.nan)
         self._usual = self._unknown
         self._speed: Floats | None = None
@@ -63,7 +67,7 @@ class Efforts:
                 at, sign = place
                 self._current[at] = sign * _effort(servo)
                 self._read[at] = self._newest = state.stamp
-                if servo.torque_enabled is not None:
+                if servo.torque_enabled is not None and at < self._rolls:
                     self._torque[at] = servo.torque_enabled
 
     def step(self, seconds: float, speed: Floats, learnt_s: float, *, needed: bool) -> Floats:
@@ -79,6 +83,7 @@ class Efforts:
             Squares of what each motor needs beyond driving, by what that usually is; rolling motors
             in the order of the roll rows, then steering motors of all wheels; NaN where unknown.
         """
+        self._watch_torque(seconds)
         before, self._speed = self._speed, speed
         if not (needed or learnt_s) or before is None:
             return self._unknown
@@ -121,11 +126,13 @@ class Efforts:
         ]
         return np.array(current), self._needs, self._usual[:rolls]
 
-    def off(self) -> list[bool]:
-        """Which rolling motors are switched off while others are on."""
-        rolling = self._torque[: self._rolls]
-        some_on = any(rolling)
-        return [some_on and torque is False for torque in rolling]
+    def _watch_torque(self, seconds: float) -> None:
+        torque = self._torque
+        some_on = any(torque)
+        self.off_s = [
+            off_s + seconds if some_on and on is False else 0.0
+            for on, off_s in zip(torque, self.off_s, strict=True)
+        ]
 
 
 def _towards(mean: Floats, value: Floats, share: float) -> Floats:

@@ -47,6 +47,8 @@ TREMBLE = 0.02
 """rad/s by which a gyro may be off without any motion."""
 YAW = 0.3
 """Share of speed by length by which a fault changes the yaw rate."""
+MOVING_M_S = 0.05
+"""Slower, residuals say nothing of calibration, and a faulty wheel looks sound."""
 
 
 @dataclass

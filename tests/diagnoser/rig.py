@@ -24,6 +24,9 @@ from wackel_virtual.drive_simulation import START_NS, Cycle, DriveSimulation
 GYRO = "body"
 WARM_UP_S = 30.0
 """Driving in which the diagnoser learns what its robot is like."""
+SEED = "tune/core"
+SHORT_WARM_UP_S = 12.0
+"""Of tests, for speed; the diagnoser is not at its sharpest yet."""
 
 
 @dataclass

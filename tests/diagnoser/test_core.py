@@ -1,136 +1,15 @@
-"""Faults of a simulated robot: named, healed, excluded, and never where there are none."""
+"""The steps of a simulated robot's diagnoser, from messages to messages."""
 
 import math
 
 import numpy as np
-import pytest
 
-from tests.diagnoser.rig import Rig
+from tests.diagnoser.rig import SEED, Rig
 from tests.odometry.simulation import differential_drive
 from wackel_schemas import component
 
-SEED = "tune/core"
-WARM_UP_S = 12.0
-"""Less than the measurements take, for speed; the diagnoser is not at its sharpest yet."""
 
-
-@pytest.fixture(scope="module")
-def warm() -> Rig:
-    rig = Rig.of(SEED)
-    rig.drive(WARM_UP_S)
-    assert rig.reports == []
-    return rig
-
-
-def seen_after_s(rig: Rig, begin_ns: int) -> float:
-    return (rig.reports[0].stamp - begin_ns) / 1e9
-
-
-@pytest.mark.parametrize(
-    ("kind", "code", "within_s"),
-    [
-        ("wheel_blocked", "wheel_blocked", 0.15),
-        ("wheel_free", "wheel_free", 1.7),
-        ("drive_sensor_stuck", "wheel_sensor", 0.3),
-    ],
-)
-def test_a_fault_of_a_drive_is_named(warm: Rig, kind: str, code: str, within_s: float) -> None:
-    rig = warm.copy()
-    begin = rig.now_ns
-    rig.inject(kind, "w2")
-    rig.drive(2.0)
-    assert rig.active() == [(code, "wheel/w2/drive")]
-    assert seen_after_s(rig, begin) <= within_s
-    assert rig.reports[0].since <= rig.reports[0].stamp
-    report = rig.diagnoser.active()[0]
-    assert "wheel w2" in report.message
-    assert report.remedy
-    assert rig.exclusions is not None
-    (excluded,) = rig.exclusions.excluded
-    assert excluded.component == "wheel/w2/drive"
-    assert excluded.fault == ("sensor" if code == "wheel_sensor" else "actuator")
-
-
-def test_a_steering_that_is_blocked_is_named_and_heals(warm: Rig) -> None:
-    rig = warm.copy()
-    rig.inject("steering_blocked", "w1")
-    rig.drive(2.0)
-    assert rig.active() == [("steering_blocked", "wheel/w1/steering")]
-    rig.simulation.heal()
-    rig.drive(6.0)
-    assert rig.active() == []
-    assert rig.exclusions is not None
-    assert rig.exclusions.excluded == []
-    assert rig.reports[-1].status == "healed"
-
-
-@pytest.mark.parametrize("blocked_s", [0.5, 3.0])
-def test_a_wheel_that_is_freed_heals_and_is_called_nothing_else(
-    warm: Rig, blocked_s: float
-) -> None:
-    rig = warm.copy()
-    rig.inject("wheel_blocked", "w1")
-    rig.drive(blocked_s)
-    assert rig.active() == [("wheel_blocked", "wheel/w1/drive")]
-    rig.reports.clear()
-    rig.simulation.heal()
-    rig.drive(4.0)
-    assert [(each.code, each.status) for each in rig.reports] == [("wheel_blocked", "healed")]
-
-
-def test_a_wheel_that_sticks_is_told_from_one_that_is_blocked(warm: Rig) -> None:
-    rig = warm.copy()
-    rig.inject("wheel_temporarily_blocked", "w1", 0.5)
-    rig.drive(3.0)
-    assert rig.active() == [("wheel_sticks", "wheel/w1/drive")]
-
-
-def test_a_gyro_that_jumps_is_named(warm: Rig) -> None:
-    rig = warm.copy()
-    rig.inject("gyro_offset", value=0.2)
-    rig.drive(1.5)
-    assert rig.active() == [("gyro_deviates", component.gyro("body"))]
-
-
-def test_a_push_is_over_and_excludes_nobody_for_long(warm: Rig) -> None:
-    rig = warm.copy()
-    rig.inject("push", value=1.0)
-    rig.drive(5.0)
-    assert rig.active() == []
-
-
-def test_two_blocked_wheels_are_both_named(warm: Rig) -> None:
-    rig = warm.copy()
-    rig.inject("wheel_blocked", "w0")
-    rig.inject("wheel_blocked", "w1")
-    rig.drive(2.0)
-    assert {path for _, path in rig.active()} == {"wheel/w0/drive", "wheel/w1/drive"}
-
-
-def test_residuals_say_what_is_seen(warm: Rig) -> None:
-    rig = warm.copy()
-    rig.inject("wheel_blocked", "w3")
-    rig.drive(1.0)
-    residuals = rig.residuals
-    assert residuals is not None
-    assert residuals.verdict == ["wheel/w3/drive"]
-    assert residuals.hypotheses[0].components == ["wheel/w3/drive"]
-    assert len(residuals.candidates) == 12
-    assert {step.step for step in residuals.steps} >= {"I", "II"}
-    assert {row.name for row in residuals.rows} >= {"wheel/w3/roll", "gyro/body"}
-    assert residuals.lags_s[0] > 0
-
-
-def test_a_differential_drive_names_its_side_and_no_more() -> None:
-    rig = Rig.of(SEED, differential_drive())
-    rig.drive(WARM_UP_S)
-    assert rig.reports == []
-    rig.inject("drive_sensor_stuck", "left")
-    rig.drive(2.0)
-    assert [path for _, path in rig.active()] == ["wheel/left/drive"]
-
-
-def test_a_differential_drive_cannot_go_sideways(warm: Rig) -> None:
+def test_a_differential_drive_cannot_go_sideways() -> None:
     rig = Rig.of(SEED, differential_drive())
     rig.drive(2.0, np.array([0.3, 0.0, 0.0]))
     rig.drive(0.5, np.array([0.3, 0.2, 0.0]))

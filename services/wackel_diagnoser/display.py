@@ -1,0 +1,109 @@
+"""What is seen, for people: the ``residuals`` message."""
+
+import math
+from collections import Counter
+
+import numpy as np
+
+from wackel_diagnoser.bank import Bank
+from wackel_diagnoser.hypotheses import Class, Hypotheses
+from wackel_diagnoser.reference import Reference, Target
+from wackel_diagnoser.rows import Measured, Rows
+from wackel_diagnoser.scaling import Scaling
+from wackel_diagnoser.sequential import Sequential
+from wackel_diagnoser.steps import PaperSteps
+from wackel_drive.alignment import Step
+from wackel_drive.layout import Layout
+from wackel_kinematics.array import Floats
+from wackel_schemas.residuals import HypothesisState, Residuals, RowState
+
+SHOWN = 5
+"""Hypotheses that are published."""
+
+
+class Display:
+    """Makes it.
+
+    Args:
+        layout: The drive.
+        hypotheses: What a verdict may be.
+        rows: How measurements are numbered.
+        bank: Which evaluates them.
+        sensors: How large residuals usually are.
+        sequential: How likely each hypothesis is.
+        reference: What the wheels should do.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        hypotheses: Hypotheses,
+        rows: Rows,
+        *,
+        bank: Bank,
+        sensors: Scaling,
+        sequential: Sequential,
+        reference: Reference,
+    ) -> None:
+        self._drive = layout.drive
+        self._paper = PaperSteps(layout)
+        self._hypotheses = hypotheses
+        self._rows = rows
+        self._bank = bank
+        self._sensors = sensors
+        self._sequential = sequential
+        self._reference = reference
+
+    def residuals(
+        self, step: Step, target: Target, measured: Measured, variance: Floats
+    ) -> Residuals:
+        """Of the step that was evaluated last.
+
+        Args:
+            step: What the sensors said.
+            target: What the wheels should have done.
+            measured: The rows of that.
+            variance: Of the rows, if nothing is wrong.
+        """
+        hypotheses, rows, drive = self._hypotheses, self._rows, self._drive
+        twist = self._bank.covariance() @ self._bank.right()
+        off = (measured.z - measured.h @ twist).tolist()
+        sigma = np.sqrt(variance).tolist()
+        scale = np.sqrt(self._sensors.factors).tolist()
+        posterior = self._sequential.posterior()
+        shown: Counter[tuple[tuple[str, ...], Class]] = Counter()
+        for hypothesis, probability in zip(hypotheses.each, posterior.tolist(), strict=True):
+            # How far a fault spoils the rows, of which there are several ways, is not told.
+            shown[hypothesis.components, hypothesis.kind] += probability
+        gyro = measured.z[rows.gyros][measured.present[rows.gyros]]
+        judged = self._paper.judge(
+            drive.steering(step.heading),
+            step.wheel_rate,
+            drive.steering(np.where(np.isfinite(target.goal), target.goal, step.heading)),
+            target.twist,
+            float(gyro.mean()) if len(gyro) else math.nan,
+        )
+        known = bool(np.isfinite(target.twist).all())
+        return Residuals(
+            stamp=step.end,
+            commanded=target.twist.tolist() if known else None,
+            candidates=self._paper.candidates(judged),
+            signature=self._paper.signature(judged),
+            steps=self._paper.steps(judged),
+            rows=[
+                RowState(name=name, residual=r, sigma=s, scale=k)
+                for name, r, s, k, there in zip(
+                    rows.names, off, sigma, scale, measured.present.tolist(), strict=True
+                )
+                if there
+            ],
+            hypotheses=[
+                HypothesisState(
+                    components=list(components), fault=kind, probability=min(probability, 1.0)
+                )
+                for (components, kind), probability in shown.most_common(SHOWN)
+            ],
+            alarm=self._sequential.alarm,
+            verdict=list(hypotheses.explanations[self._sequential.verdict]),
+            lags_s=list(self._reference.lags_s),
+        )

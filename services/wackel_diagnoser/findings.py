@@ -1,0 +1,202 @@
+"""What is wrong now, in words: each verdict by its row of the paper's table 1, and what follows."""
+
+import math
+from collections.abc import Iterable, Sequence
+
+from wackel_diagnoser.commands import Complaint
+from wackel_diagnoser.history import BLOCKED, STICKING, History
+from wackel_diagnoser.hypotheses import Hypotheses
+from wackel_diagnoser.references import WrongZero
+from wackel_diagnoser.reports import Finding
+from wackel_diagnoser.rows import Rows
+from wackel_diagnoser.sequential import Sequential
+from wackel_diagnoser.small_faults import SmallFaults
+from wackel_diagnoser.verdicts import Verdicts
+from wackel_drive.layout import Layout
+from wackel_schemas import component
+from wackel_schemas.drive import Exclusion
+
+STOOD = ("wheel_blocked", "wheel_sticks")
+AGAIN_NS = 30_000_000
+"""A wheel that has not stood for so long rolls again."""
+OFF_S = 1.5
+"""A torque that is off for so long is no transient of switching on: a gateway reads the register of
+each servo once a second, so for a second those that have been read say on and the others off."""
+LIKELY = 0.02
+"""Probability from which on another explanation is told."""
+
+
+class Findings:
+    """Puts into words what the parts of the diagnoser have found.
+
+    Args:
+        layout: The drive.
+        hypotheses: What a verdict may be.
+        rows: How measurements are numbered.
+        sequential: How likely each is.
+        verdicts: Which holds.
+        small: Changes of constants.
+        history: The last seconds of each wheel.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        hypotheses: Hypotheses,
+        rows: Rows,
+        *,
+        sequential: Sequential,
+        verdicts: Verdicts,
+        small: SmallFaults,
+        history: History,
+    ) -> None:
+        self._names = layout.names
+        self._rolling = [component.wheel_drive(layout.names[i]) for i in layout.drive.roll_wheels]
+        self._hypotheses = hypotheses
+        self._rows = rows
+        self._sequential = sequential
+        self._verdicts = verdicts
+        self._small = small
+        self._history = history
+        self._said: Finding | None = None  # of a drive
+
+    def free(self, off_s: Sequence[float], idle: Sequence[bool], now: int) -> list[Finding]:
+        """Wheels that roll freely.
+
+        Args:
+            off_s: For how long the torque of each rolling motor has been off.
+            idle: Which of them move nothing.
+            now: Stamp.
+        """
+        found = []
+        for path, seconds, is_idle in zip(self._rolling, off_s, idle, strict=True):
+            if seconds >= OFF_S:
+                summary = "its torque is off while that of others is on"
+                found.append(Finding("wheel_free", path, summary, now, confidence=0.99))
+            elif is_idle:
+                summary = "its motor needs no more than to turn by itself while others work"
+                found.append(Finding("wheel_free", path, summary, now))
+        return found
+
+    def verdict(self, free: Iterable[Finding], now: int) -> list[Finding]:
+        """What the verdict means, given which wheels roll freely."""
+        components = self._verdicts.components
+        found = []
+        if len(components) == 2:
+            a, b = components
+            for path, other in ((a, b), (b, a)):
+                words = {"others": component.in_words(other)}
+                summary = "two at once explain the residuals, neither alone"
+                found.append(self._finding("two_faults", path, summary, words))
+        elif components:
+            is_free = any(each.component == components[0] for each in free)
+            single = self._single(components[0], is_free, now)
+            # A wheel without torque that swings in its play is no further fault; a blocked one is.
+            if not is_free or single.code in STOOD:
+                found.append(single)
+        return found
+
+    def reference(self, zero: WrongZero, now: int) -> Finding:
+        """A steering whose zero is wrong."""
+        angle = f"{math.degrees(zero.angle):+.0f}°"
+        return Finding(
+            "steering_reference",
+            component.wheel_steering(self._names[zero.wheel]),
+            f"the robot moves as it would if this stood {angle} off",
+            now,
+            {"angle_rad": zero.angle, "log_likelihood_ratio": zero.sure},
+            {"angle": angle},
+        )
+
+    @staticmethod
+    def command(complaint: Complaint, now: int) -> Finding:
+        """A command that this drive cannot do."""
+        words = {"reason": complaint.reason, "wheel": complaint.wheel}
+        summary = complaint.reason or f"the centre of rotation is at wheel {complaint.wheel}"
+        return Finding(complaint.code, component.COMMAND, summary, now, words=words)
+
+    def _single(self, path: str, is_free: bool, now: int) -> Finding:
+        """The verdict on one component, by its row of table 1."""
+        place = self._hypotheses.place(path)
+        if place is None:
+            if path == component.DRIVE:
+                return self._finding("drive_disturbed", path, "all wheels slip at once")
+            if path == component.COMMAND:
+                return self._finding("command_not_followed", path, "the wheels agree on another")
+            return self._finding("gyro_deviates", path, "all wheels agree on another yaw rate")
+        part, wheel = place
+        history, said, since = self._history, self._said, self._verdicts.since
+        if said is not None and said.component == path and said.since == since:
+            lately = max(since, now - AGAIN_NS)
+            stood = said.code in STOOD
+            if stood and not history.standing_share(self._rows.roll_of(wheel), lately):
+                return said  # it rolls again: still watched, but with no other fault
+        if self._verdicts.kind == "sensor" and not is_free:
+            what = "the gyro and the motors say that the robot moves as the others show"
+            return self._finding(f"{'wheel' if part == 'drive' else part}_sensor", path, what)
+        if part == "steering":
+            if history.steering_frozen(wheel, since):
+                stands = "it stands though it is told to turn"
+                return self._finding("steering_blocked", path, stands)
+            off = math.degrees(history.off(wheel, since))
+            return self._finding("steering_offset", path, f"it stands {off:+.1f}° off")
+        share = history.standing_share(self._rows.roll_of(wheel), since)
+        if share is not None and share >= BLOCKED:
+            said = self._finding("wheel_blocked", path, "it stands though it is told to roll")
+        elif share is not None and share >= STICKING:
+            said = self._finding("wheel_sticks", path, f"it stood for {share:.0%} of the time")
+        else:
+            said = self._finding("wheel_deviates", path, "it slips against all others")
+        self._said = said
+        return said
+
+    def _finding(
+        self, code: str, path: str, summary: str, words: dict[str, str] | None = None
+    ) -> Finding:
+        posterior = self._sequential.posterior()
+        hypotheses, verdicts = self._hypotheses, self._verdicts
+        here = float(posterior[hypotheses.members[self._sequential.verdict]].sum())
+        others = [
+            (float(posterior[i]), name)
+            for i in hypotheses.singles.tolist()
+            for name in hypotheses.each[i].components
+            if posterior[i] > LIKELY and name != path
+        ]
+        values: dict[str, float | int | str] = {"probability": round(here, 4)}
+        small = self._small.found
+        if small is not None and small.component == path:
+            values |= {"change": round(small.size, 5), "change_sigma": round(small.sigma, 5)}
+        if verdicts.test is not None:
+            strain, strained = verdicts.test.strains
+            for name, value in (
+                ("gyro_share", verdicts.test.share[0]),
+                ("current_ratio", strain),
+                ("others_current_ratio", strained),
+            ):
+                if math.isfinite(value):
+                    values[name] = round(value, 3)
+        return Finding(
+            code,
+            path,
+            summary,
+            verdicts.since,
+            values,
+            words or {},
+            min(max(here, 0.5), 0.99),
+            tuple(dict.fromkeys(name for _, name in sorted(others, reverse=True))),
+        )
+
+
+def excluded(found: Iterable[Finding]) -> list[Exclusion]:
+    """What odometry must not believe."""
+    result: dict[str, Exclusion] = {}
+    for finding in found:
+        if finding.component in (component.DRIVE, component.COMMAND):
+            continue
+        sensor = finding.code.endswith("_sensor") or finding.code == "gyro_deviates"
+        result[finding.component] = Exclusion(
+            component=finding.component,
+            fault="sensor" if sensor else "actuator",
+            reason=f"{finding.code}: {finding.summary}",
+        )
+    return list(result.values())

@@ -1,0 +1,220 @@
+"""Which verdict holds: proposed, taken, replaced by a later one, healed; and what kind it is.
+
+Residuals propose (:mod:`wackel_diagnoser.sequential`), and where they see nothing, a change of what
+is constant (:mod:`wackel_diagnoser.small_faults`). A proposal that only clears a part that was
+named must wait until that part has shown itself sound.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+
+from wackel_diagnoser.forced import ForcedMotion, can_force
+from wackel_diagnoser.history import STICKING, History
+from wackel_diagnoser.hypotheses import Class, Hypotheses
+from wackel_diagnoser.kinds import WINDOW_S, KindTest
+from wackel_diagnoser.reference import Target
+from wackel_diagnoser.references import ReferenceErrors
+from wackel_diagnoser.rows import MOVING_M_S, Measured, Rows
+from wackel_diagnoser.sequential import Sequential
+from wackel_diagnoser.small_faults import SmallFaults
+from wackel_drive.alignment import Step
+from wackel_drive.layout import Layout
+from wackel_kinematics.array import Floats
+
+SOUND_S = 1.0
+"""For how long a part must have shown itself sound before it is healed."""
+UNSTUCK_S = 3.0
+"""The same of a wheel that stood: one that sticks now and then rolls well in between."""
+CONTRARY = 0.5
+"""Evidence of one step for the fault that begins this anew."""
+TRAVELLED_RAD = 0.1
+"""How far a steering must have been told to turn meanwhile, or have turned since the verdict: one
+that is blocked looks sound until then."""
+ALARM_STEPS = 4
+"""How long an alarm takes at least."""
+FORCED_STEPS = 5
+"""That are compared at once with how wheels force each other."""
+
+
+class Verdicts:
+    """Follows them.
+
+    Args:
+        layout: The drive.
+        hypotheses: What a verdict may be.
+        rows: How measurements are numbered.
+        sequential: What residuals propose.
+        small: What changes of constants propose.
+        references: How well it is known how wheels force each other.
+        history: The last seconds of each wheel.
+
+    Attributes:
+        since: Stamp of the first evidence for the verdict.
+        kind: Sensor or actuator, as far as it can be told.
+        test: What tells it; ``None`` where it cannot be asked.
+        steers_wrong: Whether a steering is named, which is then not where it is told to be.
+    """
+
+    def __init__(
+        self,
+        layout: Layout,
+        hypotheses: Hypotheses,
+        rows: Rows,
+        *,
+        sequential: Sequential,
+        small: SmallFaults,
+        references: ReferenceErrors,
+        history: History,
+    ) -> None:
+        self._hypotheses = hypotheses
+        self._rows = rows
+        self._sequential = sequential
+        self._small = small
+        self._references = references
+        self._history = history
+        self._rolls = layout.drive.roll_wheels.tolist()
+        self._motion = ForcedMotion(layout) if can_force(layout.drive) else None
+        self.since = 0
+        self.kind: Class = ""
+        self.test: KindTest | None = None
+        self.steers_wrong = False
+        self._is_small = False
+        self._sound_s = self._travelled = 0.0
+        self._heading_then = np.zeros(len(layout.names))  # when the verdict was passed
+        self._told_before: Floats | None = None
+        self._recent: deque[tuple[Measured, Floats, Floats, float]] = deque(maxlen=ALARM_STEPS)
+        self._block: list[tuple[Step, Target, Measured, list[float]]] = []
+
+    @property
+    def components(self) -> tuple[str, ...]:
+        """What is taken to be faulty; none: nothing is."""
+        return self._hypotheses.explanations[self._sequential.verdict]
+
+    def void(self) -> None:
+        """What was concluded before no longer holds."""
+        self._sequential.forget()
+        self._sequential.accept(0)
+        self.test, self.kind = None, ""
+
+    def step(
+        self,
+        step: Step,
+        target: Target,
+        evidence: tuple[Measured, Floats, Floats],
+        likelihood: Floats,
+        currents: list[float],
+    ) -> bool:
+        """Takes in a step; says whether the verdict, or its kind, has changed.
+
+        Args:
+            step: What the sensors said.
+            target: What the wheels should have done.
+            evidence: The rows of that, their variances, and the motors' efforts.
+            likelihood: Of the hypotheses, logarithms.
+            currents: Of the rolling motors, A or share of load; NaN if unknown.
+        """
+        sequential = self._sequential
+        if sequential.verdict:
+            self._watch_soundness(step, target, likelihood)
+        changed = self._follow(step)
+        self._recent.append((*evidence, step.seconds))
+        test = self.test
+        if test is not None and test.seconds < WINDOW_S:
+            if changed:  # an alarm takes some steps, which tell of the kind already
+                for each in self._recent:
+                    test.step(*each)
+            else:
+                test.step(*evidence, step.seconds)
+            if self._motion is not None and test.steering:
+                self._block.append((step, target, evidence[0], currents))
+                if len(self._block) >= FORCED_STEPS:
+                    test.force(self._block, self._rows, self._motion, self._references)
+                    self._block.clear()
+            kind, small = test.kind(), self._small.found
+            if small is not None and self._is_small:
+                kind = small.kind or kind
+            changed |= kind != self.kind
+            self.kind = kind
+        return changed
+
+    def _follow(self, step: Step) -> bool:
+        """Takes what is proposed, if it may replace the verdict; says whether it did."""
+        sequential, explanations = self._sequential, self._hypotheses.explanations
+        verdict, small = sequential.verdict, self._small.found
+        proposal = sequential.proposal()
+        is_small = False
+        if proposal is None:
+            if verdict or small is None:
+                return False
+            proposal, is_small = explanations.index((small.component,)), True
+        names, now = set(explanations[proposal]), set(explanations[verdict])
+        if names < now and not (
+            self._sound_s >= SOUND_S  # the least; how much it is takes long to say
+            and self._sound_s >= self._sound_needed_s()
+            and (small is None or small.component not in now)
+        ):
+            return False
+        sequential.accept(proposal)
+        self._is_small = is_small
+        if not names:
+            self._small.forget()
+        self._take(explanations[proposal], step)
+        return True
+
+    def _take(self, components: Sequence[str], step: Step) -> None:
+        """A new verdict."""
+        self.since = step.begin
+        self._heading_then = step.heading
+        self._sound_s = self._travelled = 0.0
+        self.test, self.kind = None, ""
+        places = [self._hypotheses.place(path) for path in components]
+        self.steers_wrong = any(place is not None and place[0] == "steering" for place in places)
+        self._block.clear()
+        if len(components) != 1:
+            return
+        place = places[0]
+        if place is None:
+            self.kind = "sensor" if components[0].startswith("gyro/") else ""
+            return
+        part, wheel = place
+        own = self._rolls.index(wheel) if part == "drive" else len(self._rolls) + wheel
+        spoilt = self._hypotheses.own_rows(components[0])
+        self.test = KindTest(spoilt, self._rows.gyros, own, len(self._rolls))
+        self.kind = "sensor"
+
+    def _sound_needed_s(self) -> float:
+        """For how long what is faulty must look sound to be so."""
+        for path in self.components:
+            part, wheel = self._hypotheses.place(path) or ("", 0)
+            if part == "drive":
+                share = self._history.standing_share(self._rows.roll_of(wheel), self.since)
+                if share is not None and share >= STICKING:
+                    return UNSTUCK_S
+        return SOUND_S
+
+    def _watch_soundness(self, step: Step, target: Target, likelihood: Floats) -> None:
+        """For how long the faulty part has shown that nothing is wrong with it."""
+        hypotheses, members = self._hypotheses, self._hypotheses.members
+        faulty = members[self._sequential.verdict]
+        evidence = float(likelihood[faulty].max() - likelihood[members[0]].max())
+        before, self._told_before = self._told_before, target.heading
+        shows = True
+        for path in self.components:
+            place = hypotheses.place(path)
+            if place is None:
+                continue
+            part, wheel = place
+            roll = self._rows.roll_of(wheel)
+            shows &= roll < 0 or abs(float(target.speed[roll])) > MOVING_M_S
+            if part == "steering" and before is not None:
+                turned = abs(float(target.heading[wheel] - before[wheel]))
+                # Half turns are the same direction.
+                self._travelled += turned if turned < 1.0 else 0.0
+                moved = abs(float(step.heading[wheel] - self._heading_then[wheel]))
+                shows &= max(self._travelled, moved) > TRAVELLED_RAD
+        if evidence > CONTRARY:
+            self._sound_s = self._travelled = 0.0
+        elif shows:
+            self._sound_s += step.seconds
