@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wackel_diagnoser.reference import Target
-from wackel_diagnoser.rows import Measured, Rows
+from wackel_diagnoser.rows import UNKNOWN, Measured, Rows
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
 from wackel_kinematics.array import Floats
@@ -27,8 +27,8 @@ STANDS_RAD = 0.002
 """The same of a steering against its reference: an encoder step."""
 LONGER = 4.0
 """By what the variance of what a manoeuvre forces is larger here: it lasts longer than a block."""
-UNKNOWN = 3.0
-"""How much worse than configured calibration may be before driving has shown it."""
+LATE = 0.1
+"""By what it is smaller for gyros: that tyres creep by what turns the robot is a lag here."""
 LAG_S = 0.02
 """Standard deviations of what is not configured, before driving has shown it: lags behind what
 encoders show, by which a drive or steering stays off its reference, and by which a drive gives way
@@ -116,6 +116,8 @@ class Constants:
         self._rolls_itself = np.array([float(i in rolls) for i in slides])
         self._noise = np.full(rows.gyros.stop, SLIP_M_S**2)
         self._noise[rows.gyros] = (SLIP_M_S / drive.length_m) ** 2
+        self._longer = np.full(rows.count, LONGER)
+        self._longer[rows.gyros] *= LATE
 
     def equations(self, block: Sequence[Shown]) -> tuple[Floats, Floats]:
         """Information, shape (P, P), and right side, shape (P,), of a block of several steps."""
@@ -126,7 +128,7 @@ class Constants:
         whole = all(shown.measured.present is present for shown in block)  # as mostly
         if not whole:
             present = np.logical_and.reduce([shown.measured.present for shown in block])
-        loose = LONGER * measured.loose
+        loose = self._longer * measured.loose
         information, right = np.zeros((self.count, self.count)), np.zeros(self.count)
 
         # Wheels and gyros: each row has a parameter of its own, and shares the lags.

@@ -66,7 +66,7 @@ class Diagnoser:
         rows = self._rows = Rows(layout, config, gyros)
         hypotheses = Hypotheses(layout, gyros)
         self._bank = Bank(hypotheses.spread)
-        self._sensors = Scaling(rows.count, first=9.0, least=0.15)
+        self._sensors = Scaling(rows.count, first=9.0, least=0.3)
         self._manoeuvre = Scaling(rows.count, first=1.0, least=0.25)
         limit = threshold(len(hypotheses), RATE)
         self._sequential = Sequential(hypotheses.prior, hypotheses.explanation, limit)
@@ -162,6 +162,7 @@ class Diagnoser:
         target = self._reference.step(step, learnt_s)
         measured = rows.measure(step, target, self._bias.value)
         variance = measured.base * self._sensors.factors
+        variance += measured.fixed
         variance += measured.loose * self._manoeuvre.factors
         variance[rows.gyros] += self._bias.variance
         likelihood = self._bank.evaluate(measured.z, measured.h, variance, measured.size)
@@ -186,6 +187,7 @@ class Diagnoser:
         shown = Shown(step, target, measured, self._bias.value, currents)
         self._small.step(shown, calm=calm)
         rows.lag_s = self._small.lag_s
+        rows.calibrate(self._small.calibration)
         evidence = measured, variance, efforts
         changed = self._verdicts.step(step, target, evidence, likelihood, currents)
         if self._steps_made % LEARN_EVERY == 0 and (rolling := self._efforts.rolling()) is not None:

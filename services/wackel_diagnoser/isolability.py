@@ -66,8 +66,8 @@ class Isolability:
 
     def __init__(self, config: DriveConfig, gyros: Mapping[str, GyroConfig]) -> None:
         self._layout = Layout(config)
+        self._config = config
         self._gyros = gyros
-        self._rows = Rows(self._layout, config, gyros)
         self._hypotheses = Hypotheses(self._layout, gyros)
         self._bank = Bank(self._hypotheses.spread)
         self._limit = threshold(len(self._hypotheses), RATE)
@@ -93,9 +93,11 @@ class Isolability:
         step, target = self._moving(np.array(twist))
         step = self._with(step, fault)
         bias = np.zeros(len(self._gyros))
-        self._rows.measure(step, target, bias)  # the fault lasts: nothing has just jumped
-        measured = self._rows.measure(step, target, bias)
-        variance = measured.base + measured.loose
+        rows = Rows(self._layout, self._config, self._gyros)
+        rows.calibrate(rows.configured)  # as driving will have shown
+        for _ in range(2):  # the fault lasts: nothing has just jumped
+            measured = rows.measure(step, target, bias)
+        variance = measured.base + measured.fixed + measured.loose
         likelihood = self._bank.evaluate(measured.z, measured.h, variance, measured.size)
         hypotheses = self._hypotheses
         best = [

@@ -2,7 +2,9 @@
 
 Slide and roll rows (eq. 3 and 4) and gyros share the unknown twist; steering and rolling are also
 held against their references. Variances are propagated from what is known of the sensors, and then
-scaled by what fault-free driving shows (:mod:`wackel_diagnoser.scaling`).
+scaled by what fault-free driving shows (:mod:`wackel_diagnoser.scaling`). Not so those of
+calibration: it is constant, so that hours of one motion say nothing of the next
+(:mod:`wackel_diagnoser.small_faults`).
 """
 
 import math
@@ -37,8 +39,18 @@ tyre that slips pushes no harder if it slips more."""
 GRIP_M_S = 0.01
 YAWING = 0.3
 """The yaw rate that this causes, by what it would be if all wheels slipped the same way around."""
-JERK = 0.3
-"""A gyro's sample and a step cover different times: part of how its value changes is late."""
+JERK = 1.0
+"""A gyro's sample and a step cover different times, and tyres creep by what turns the robot: wheels
+are ahead by as much as its value changes in one step. What changes in one step only is no turn."""
+UNKNOWN = 3.0
+"""How much worse than configured calibration may be before driving has shown it."""
+LOADED = 0.05
+"""Slip by speed when tyres are loaded with all their grip, of which SHARED differs from wheel to
+wheel: soft tyres creep by 2 % of the speed. With half the load they creep by half of that, and so
+much more alike that a quarter differs."""
+HOLDS_M_S2 = 6.5
+"""Acceleration at which they skid: rubber on a smooth floor. A command that jumps asks for more,
+and the robot is late by the rest."""
 REGULAR = 1e-9 * np.eye(3)
 """For drives whose rows do not determine the twist."""
 SLOWEST = 0.01
@@ -58,7 +70,8 @@ class Measured:
     Attributes:
         z: Shape (M,).
         h: Shape (M, 3).
-        base: Variance of sensors and calibration, which driving scales, shape (M,).
+        base: Variance of sensors, which driving scales, shape (M,).
+        fixed: Variance of calibration, as far as it is known, shape (M,).
         loose: Variance that the present manoeuvre adds, shape (M,).
         size: What a fault's share refers to, shape (M,).
         speed: The fastest wheel's, m/s.
@@ -68,6 +81,7 @@ class Measured:
     z: Floats
     h: Floats
     base: Floats
+    fixed: Floats
     loose: Floats
     size: Floats
     speed: float
@@ -82,6 +96,7 @@ class Rows:
             ``…/rolling`` (against the references).
         slides, rolls, gyros, steering, rolling: Where each kind stands among the rows.
         lag_s: By how much wheels follow later than their steering's encoders show.
+        configured: Squares of the shares of speed by which slide and roll rows may be off.
     """
 
     def __init__(
@@ -133,9 +148,10 @@ class Rows:
             (0.0, quantum, 0.0, 0.0, quantum),  # by 1/dt²
         )
         scale = np.array([gyro.scale_error for gyro in settings])
-        self._share = per_row(
-            (config.steering_error, config.radius_error, scale, 0.0, FOLLOWS),
-        )[:, 0]
+        self._follows = per_row((0.0, 0.0, 0.0, 0.0, FOLLOWS**2))[:, 0]
+        wrong = per_row((config.steering_error, config.radius_error, scale, 0.0, 0.0))[:, 0]
+        self._calibration: Floats = (UNKNOWN * wrong) ** 2
+        self.configured: Floats = wrong[: len(slides) + len(rolls)] ** 2
         self._size = per_row(
             (SLOWEST, SLOWEST, TREMBLE, 1.0, SLOWEST),
             (1.0, 1.0, YAW / drive.length_m, 0.0, 1.0),  # by speed
@@ -159,7 +175,10 @@ class Rows:
         self._inverse: Floats | None = None
         if turning <= both:
             self._inverse = np.asarray(np.linalg.inv(straight.T @ straight + REGULAR))
-        self._gyro_before = np.zeros(len(settings))
+        self._gyro_before = self._turned = np.zeros(len(settings))
+        self._told: list[float] = []
+        self._root_rolls = math.sqrt(max(len(rolls), 1))
+        self._skid = 0.0  # by how much wheels are ahead of the robot, m/s
         self._all = np.ones(self.count, dtype=np.bool_)
 
     def roll_of(self, wheel: int) -> int:
@@ -169,6 +188,11 @@ class Rows:
     def correct(self, zeros: Floats) -> None:
         """Wheels stand so far off what they show, rad to the left, shape (n,)."""
         self._zeros = zeros
+
+    def calibrate(self, squares: Floats) -> None:
+        """Slide and roll rows are off by such shares of a wheel's speed, squares of standard
+        deviations."""
+        self._calibration[: self._constraints] = squares
 
     def measure(self, step: Step, target: Target, bias: Floats) -> Measured:
         """The rows of a step.
@@ -215,17 +239,20 @@ class Rows:
         sliding = shown[self._slide_roll] if self._slide_rolls else np.full(slides.stop, speed)
         size = self._size.dot((1.0, speed))
         turning = z[gyros]
-        base = np.concatenate((sliding, shown, turning, self._no_steering, shown))
-        base *= self._share
-        base *= base
+        squares = np.concatenate((sliding, shown, turning, self._no_steering, shown))
+        squares *= squares
+        base = squares * self._follows
         base += self._noise.dot((1.0, 1 / dt, 1 / dt**2))
+        fixed = squares * self._calibration
 
         # While wheels turn, their references contradict each other: they really slip.
         mean = math.sqrt(float(forced.dot(forced)) / len(forced))
+        mean += self._hastened(target, speed, dt)
+        turned = np.abs(turning - self._gyro_before)
         loose = np.concatenate(
             (
                 forced,
-                turning - self._gyro_before,
+                np.minimum(turned, self._turned),
                 target.heading_gap[steered],
                 target.speed_gap,
             )
@@ -237,10 +264,23 @@ class Rows:
             loose[slides] += sliding * lag
         loose[self.steering] += lag
         loose *= loose
-        self._gyro_before = turning
+        self._gyro_before, self._turned = turning, turned
         if not whole:
             size[~present] = 0.0
-        return Measured(z, h, base, loose, size, speed, present)
+        return Measured(z, h, base, fixed, loose, size, speed, present)
+
+    def _hastened(self, target: Target, speed: float, dt: float) -> float:
+        """How much all slip since the command hastens the robot, m/s; 0 if it is not known."""
+        told = target.speed.tolist()
+        before, self._told = self._told or told, told
+        vx, vy, omega = target.twist.tolist()
+        hastened = math.dist(told, before) / (self._root_rolls * dt)
+        held = math.hypot(omega * vx, omega * vy, hastened) / HOLDS_M_S2
+        if not held >= 0.0:
+            self._skid = 0.0
+            return 0.0
+        self._skid = max(0.0, self._skid + (hastened - HOLDS_M_S2) * dt)
+        return LOADED * min(held * held, 1.0) * speed + self._skid
 
     def _slip(self, rows: Floats, speeds: Floats) -> Floats:
         """How much the references contradict each other, m/s, shape (R,); 0 if there are none."""

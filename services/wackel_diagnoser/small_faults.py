@@ -15,7 +15,7 @@ import numpy as np
 
 from wackel_diagnoser.constants import Constants, Shown
 from wackel_diagnoser.hypotheses import Class
-from wackel_diagnoser.rows import Rows
+from wackel_diagnoser.rows import UNKNOWN, Rows
 from wackel_diagnoser.scaling import Scaling
 from wackel_drive.layout import Layout
 from wackel_kinematics.array import Floats
@@ -106,6 +106,8 @@ class SmallFaults:
     Attributes:
         found: The change that is there.
         lag_s: By how much wheels follow later than their steering's encoders show, as learnt.
+        calibration: Squares of the shares of speed by which slide and roll rows are expected to be
+            off, by what driving has shown of directions and radii.
     """
 
     def __init__(
@@ -122,6 +124,8 @@ class SmallFaults:
         self._normal = _Sums(constants.count)
         self._driven = 0
         self.lag_s = 0.0
+        self._configured = rows.configured
+        self.calibration: Floats = UNKNOWN**2 * rows.configured
         self.forget()
 
     def forget(self) -> None:
@@ -187,6 +191,10 @@ class SmallFaults:
         if calm and top < SUSPECTED:
             scaling.learn(squares, heard, seconds)
             self.lag_s = min(max(float(usual[self._constants.steering_lag]), EARLIEST_S), LATEST_S)
+            # Readings of a robot agree with each other even where its wheels are pulled askew: to
+            # take off what is learnt would turn its errors into contradictions.
+            expected = usual**2 + covariance.diagonal()
+            self.calibration = np.maximum(expected[: len(self._configured)], self._configured)
 
     def _learn(self, information: Floats, right: Floats, seconds: float) -> None:
         normal, fade = self._normal, 1.0 - min(1.0, seconds / NORMAL_S)
