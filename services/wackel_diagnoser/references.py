@@ -4,12 +4,15 @@ A wheel that points elsewhere than it says fights all others. They slip a little
 way, and the robot turns otherwise than its wheels say, in a way that depends on the motion. So the
 motion is predicted (:mod:`wackel_diagnoser.forced`) for a right zero and for errors of several
 sizes of each wheel, and compared with what the gyro, the rolling wheels and the power of their
-motors show (:mod:`wackel_diagnoser.slip_power`). Evidence gathers over many headings; an error is
-named once it explains them far better than calibration does, and better than that of any other
-wheel, or than a floor on which all wheels roll hard.
+motors show (:mod:`wackel_diagnoser.slip_power`). Evidence gathers over several directions, for
+calibration that is wrong deceives for as long as a motion lasts; an error is named once it explains
+them far better than calibration does, and better than that of any other wheel, or than a floor on
+which all wheels roll hard.
 """
 
+import math
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -58,7 +61,11 @@ FIRST_S = 5.0
 """Of driving, in which only is learnt how much the motion misses what is predicted."""
 MEMORY_S = 20.0
 """Of driving: calibration that fits an error a little shall not convict in an hour."""
-MARGIN = 1.4
+ONE_MOTION = 0.5
+"""Of the limit, that a motion in one direction may bring."""
+DIRECTIONS = np.array([each for each in product((-1, 0, 1), repeat=3) if each > (0, 0, 0)])
+"""Along, to the left, about, and between: half of them, since back is the same as forth."""
+MARGIN = 1.7
 """Of the limit: on stiff tyres, which do not creep, calibration pulls as hard as a wrong zero."""
 MOST = 2.0
 """Evidence by what is needed, beyond which no more is gathered, so that it can heal."""
@@ -102,8 +109,11 @@ class ReferenceErrors:
         self._power = SlipPower()
         self._before: Motion | None = None
         self._scaling = Scaling(2 + n, first=3.0, least=1.0)
-        # Of each wheel's errors, and of a floor that costs as much.
-        self._evidence = np.zeros((n + 1, len(SIZES)))
+        # From each direction, of each wheel's errors, and of a floor that costs as much.
+        self._from = np.zeros((len(DIRECTIONS), n + 1, len(SIZES)))
+        self._evidence = self._from.sum(axis=0)
+        self._directions = DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1)[:, None]
+        self._directions[:, 2] *= layout.drive.length_m
         self._limit = MARGIN * threshold(n * len(SIZES), 1 / BLOCK_S)
         self._steps: list[tuple[Step, Target, Measured, list[float]]] = []
         self._seconds = self._skipped_s = self._driven_s = 0.0
@@ -186,13 +196,24 @@ class ReferenceErrors:
         self._driven_s += stands_for
         if self._driven_s < FIRST_S:
             return False
-        evidence = self._evidence
         told = 0.5 * INDEPENDENT * stands_for / BLOCK_S * (costs[0] - costs[1:])
-        evidence *= 1.0 - stands_for / MEMORY_S
-        evidence += np.minimum(told, MOST_TOLD).reshape(evidence.shape)
-        evidence -= max(0.0, float(evidence.max()) - MOST * self._limit)
-        np.maximum(evidence, 0.0, out=evidence)
+        self._gather(told.reshape(self._evidence.shape), block[-1][1].twist, stands_for)
         return True
+
+    def _gather(self, told: Floats, twist: Floats, stands_for: float) -> None:
+        """Adds the evidence of a block to that of its direction; what speaks against an error, to
+        all."""
+        along = np.abs(self._directions @ twist)
+        if not math.isfinite(float(along.sum())):
+            return
+        each = self._from
+        here = each[int(along.argmax())]
+        here += np.clip(told, 0.0, np.minimum(ONE_MOTION * self._limit - here, MOST_TOLD))
+        total = each.sum(axis=0)
+        kept = 1.0 - stands_for / MEMORY_S + np.minimum(told, 0.0) / np.maximum(total, 1e-9)
+        highest = max(float(total.max()) / (MOST * self._limit), 1.0)
+        each *= np.maximum(kept, 0.0) / highest
+        self._evidence = each.sum(axis=0)
 
     def _look(self) -> WrongZero | None:
         """The error that explains most, if it is sure and clear."""

@@ -96,6 +96,7 @@ class Verdicts:
         """What was concluded before no longer holds."""
         self._sequential.forget()
         self._sequential.accept(0)
+        self._small.forget()
         self.test, self.kind = None, ""
 
     def step(

@@ -97,7 +97,7 @@ def test_a_wrong_zero_is_named_with_its_angle_and_excluded(count: int) -> None:
     rig.drive(10.0)
     assert rig.reports == []
     rig.inject("steering_reference_error", "w1", ERROR_RAD)
-    for _ in range(20):
+    for _ in range(25):
         rig.drive(1.0)
         if rig.active() == [("steering_reference", "wheel/w1/steering")]:
             break
