@@ -8,7 +8,8 @@ from typing import Literal, Self
 
 import numpy as np
 
-from tests.odometry.simulation import random_path, steered_drive
+from tests.diagnoser.driving import course
+from tests.odometry.simulation import steered_drive
 from wackel_diagnoser.core import Diagnoser
 from wackel_kinematics.array import Floats
 from wackel_node.config import RobotConfig
@@ -31,7 +32,7 @@ SHORT_WARM_UP_S = 12.0
 
 @dataclass
 class Rig:
-    """A robot that drives a random path.
+    """A robot that drives.
 
     Attributes:
         simulation: The robot.
@@ -61,6 +62,7 @@ class Rig:
         *,
         physics: Literal["fast", "mujoco"] = "fast",
         worse: float = 1.0,
+        driving: str = "random",
     ) -> Self:
         """A new robot; ``drive``: or how many steered wheels it has.
 
@@ -69,6 +71,7 @@ class Rig:
             drive: See above.
             physics: Of the simulation.
             worse: By how much its calibration is worse than its configuration says.
+            driving: A kind of :mod:`tests.diagnoser.driving`.
         """
         config = steered_drive(drive) if isinstance(drive, int) else drive
         gyro = GyroConfig()
@@ -80,7 +83,7 @@ class Rig:
         )
         rng = np.random.default_rng(Random(seed).getrandbits(63))
         sideways = config.kind in ("steered", "mecanum", "omni")
-        path = random_path(rng, 60.0, sideways=sideways)
+        path = course(driving, rng, sideways=sideways)
         return cls(simulation, Diagnoser(config, {GYRO: gyro}), config, path)
 
     def copy(self) -> Self:

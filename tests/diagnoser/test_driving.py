@@ -1,0 +1,43 @@
+"""No false alarm in any kind of driving, also of a robot that is badly calibrated."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from tests.diagnoser.driving import DRIVING, course
+from tests.diagnoser.rig import Rig
+from wackel_schemas import component
+
+
+@pytest.mark.parametrize("kind", ["random", *DRIVING])
+def test_courses_begin_and_end_at_rest_and_repeat_with_their_seed(kind: str) -> None:
+    path = course(kind, np.random.default_rng(1), 30.0)
+    assert len(path) >= 2000
+    assert not path[0].any()
+    assert not path[-1].any()
+    assert (path == course(kind, np.random.default_rng(1), 30.0)).all()
+
+
+def test_only_commands_that_jump_ask_for_more_than_tyres_hold() -> None:
+    for kind in DRIVING:
+        path = course(kind, np.random.default_rng(2), 60.0)
+        most = max(float(np.hypot(*(b - a)[:2])) for a, b in pairwise(path)) * 100.0
+        assert (most > 6.0) == (kind == "jumps"), kind
+
+
+@pytest.mark.parametrize(
+    ("kind", "count"), [("circles", 4), ("shuttle", 4), ("hard", 3), ("jumps", 3)]
+)
+def test_bad_calibration_is_no_fault(kind: str, count: int) -> None:
+    rig = Rig.of(f"tune/driving/{count}", count, worse=3.0, driving=kind)
+    rig.drive(25.0)
+    assert [each.code for each in rig.reports if each.component != component.COMMAND] == []
+
+
+def test_a_command_that_jumps_does_not_hide_a_blocked_wheel() -> None:
+    rig = Rig.of("tune/driving", 4, driving="jumps")
+    rig.drive(15.0)
+    rig.inject("wheel_blocked", "w2")
+    rig.drive(4.0)
+    assert ("wheel_blocked", "wheel/w2/drive") in rig.active()
