@@ -72,6 +72,12 @@ class Drive:
         x, y = self.xy[self.row_wheels].T
         self._by_cos = np.stack([along, left, x * left - y * along], axis=-1)
         self._by_sin = np.stack([-left, along, x * along + y * left], axis=-1)
+        # The same as one matrix, from the cosines of all wheels and then their sines.
+        rows = np.arange(len(self.row_wheels))
+        both = np.zeros((2 * self.n, len(rows), 3))
+        both[self.row_wheels, rows] = self._by_cos
+        both[self.n + self.row_wheels, rows] = self._by_sin
+        self._by_both = both.reshape(2 * self.n, -1)
 
     @property
     def n(self) -> int:
@@ -129,6 +135,17 @@ class Drive:
         each = heading.take(self.row_wheels, axis=-1)[..., None]
         with np.errstate(invalid="ignore"):
             return np.asarray(np.cos(each) * self._by_cos + np.sin(each) * self._by_sin)
+
+    def known_rows(self, heading: Floats) -> Floats:
+        """As :meth:`rows_along`, up to rounding and in half the time.
+
+        Args:
+            heading: Of all wheels, fixed or not, shape (..., n); one that is not finite would spoil
+                the rows of all others.
+        """
+        both = np.concatenate((np.cos(heading), np.sin(heading)), axis=-1)
+        rows: Floats = both.dot(self._by_both)
+        return rows.reshape(*heading.shape[:-1], len(self.row_wheels), 3)
 
     def values(self, wheel_rate: Floats) -> Floats:
         """What the rows times ξ equal: 0 for slide rows, r φ̇ for roll rows (eq. 5 and 6).
