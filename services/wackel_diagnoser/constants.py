@@ -125,7 +125,7 @@ class Constants:
         first, last, (_, _, measured, bias, _) = block[0], block[-1], block[n // 2]
         z = np.add.reduce([shown.measured.z for shown in block]) / n
         present = measured.present
-        whole = all(shown.measured.present is present for shown in block)  # as mostly
+        whole = all(shown.measured.present is rows.every for shown in block)  # as mostly
         if not whole:
             present = np.logical_and.reduce([shown.measured.present for shown in block])
         loose = self._longer * measured.loose

@@ -6,7 +6,7 @@ rolling, and the one that the measurements follow best is used.
 
 import math
 from collections import deque
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -33,6 +33,8 @@ FASTEST = 20.0
 """m/s and rad/s; no robot on servos does more, and nothing larger is a command."""
 _MOST_WAITING = 64
 
+Twist: TypeAlias = tuple[float, float, float]
+
 
 class Target(NamedTuple):
     """What the wheels should have done in a step; NaN where it is not known.
@@ -43,8 +45,9 @@ class Target(NamedTuple):
         heading_gap: How far that still was from the command, rad.
         speed: Rolling speed of each roll row, m/s.
         speed_gap: How far that still was from the command, m/s.
-        goal: Commanded headings, on the side on which each wheel stands.
+        goal: Commanded headings, on this side or half a turn round.
         twist: Commanded.
+        known: Whether there is a command to follow.
     """
 
     heading: Floats
@@ -53,6 +56,7 @@ class Target(NamedTuple):
     speed_gap: Floats
     goal: Floats
     twist: Floats
+    known: bool = True
 
 
 class Reference:
@@ -76,8 +80,9 @@ class Reference:
         self._fixed_roll = drive.rows(drive.steering(np.zeros(n)))[drive.slide_count :]
         self._roll_steers = drive.steers[drive.roll_wheels]
         self._all_steer = bool(self._roll_steers.all())
-        self._waiting: deque[tuple[int, Floats]] = deque(maxlen=_MOST_WAITING)
-        self._current: tuple[int, Floats] | None = None
+        self._waiting: deque[tuple[int, Twist]] = deque(maxlen=_MOST_WAITING)
+        self._since: int | None = None  # when what is commanded now was
+        self._twist = np.zeros(3)
         mounted = [wheel.heading for wheel in config.wheels]
         self._heading = list(mounted)
         self._speed = [0.0] * n
@@ -85,15 +90,18 @@ class Reference:
         self._goal = np.zeros(n + len(drive.roll_wheels))
         self._state = np.zeros((len(LAGS_S), len(self._goal)))
         self._known = False
+        # What the states are off what wheels show that stand the other way round.
+        self._half_turns = np.zeros(len(self._goal))
+        self._sign = np.ones(len(self._goal))
         self._turn_half_round(np.zeros(n))
         self._envelope = np.zeros(n)
         # Which of the state are headings, which speeds.
         self._kinds = np.repeat(np.eye(2), (n, len(drive.roll_wheels)), axis=0)
         self._misses = np.zeros((2, len(LAGS_S)))
-        self._chosen = [3, 3]
+        self._choose(3, 3)
         self._since_choice = 0.0
         self._steering_rate = LEAST_STEERING_RATE
-        self._turned_before = [0.0] * n
+        self._turned_before = [0.0] * n, 1.0  # rad, s
         self._unknown = Target(
             np.full(drive.n, np.nan),
             np.zeros(drive.n),
@@ -101,6 +109,7 @@ class Reference:
             np.zeros(len(drive.roll_wheels)),
             np.full(drive.n, np.nan),
             np.full(3, np.nan),
+            known=False,
         )
 
     @property
@@ -117,13 +126,13 @@ class Reference:
         newest = self._waiting[-1][0] if self._waiting else None
         if newest is not None and message.stamp <= newest:
             self._waiting.clear()  # time was set back; what waits belongs to another
-        self._waiting.append((message.stamp, np.array(twist)))
+        self._waiting.append((message.stamp, twist))
         return True
 
     def forget(self) -> None:
         """Time was started anew."""
         self._waiting.clear()
-        self._current = None
+        self._since = None
         self._known = False
 
     def step(self, step: Step, learnt_s: float) -> Target:
@@ -134,69 +143,79 @@ class Reference:
             learnt_s: For how much driving without a fault it stands; 0: nothing can be learnt.
         """
         while self._waiting and self._waiting[0][0] <= step.begin:
-            self._current = self._waiting.popleft()
-            self._aim(self._current[1])
-        current = self._current
-        if current is None or not 0 <= step.begin - current[0] <= FRESH_NS:
+            self._since, twist = self._waiting.popleft()
+            self._twist = np.array(twist)
+            self._aim(*twist)
+        since = self._since
+        if since is None or not 0 <= step.begin - since <= FRESH_NS:
             self._known = False
             return self._unknown
         if not self._known:
             self._start(step)
-        dt, n = step.seconds, self._n
-        reached = -np.expm1(-dt / LAGS_S)
-        state = self._state
+        dt, n, goal, picked = step.seconds, self._n, self._goal, self._picked
         # The measured heading may be that of the same wheel turned half round and rolling back.
-        halves = np.rint((step.heading - state[self._chosen[0], :n]) * (1 / math.pi))
+        halves = np.rint((step.heading - self._state.take(picked[:n])) * (1 / math.pi))
         if halves.tolist() != self._halves:  # hardly ever, or what is not known
             self._turn_half_round(halves)
-        half_turns, sign = self._half_turns, self._sign
         self._learn_steering_rate(step)
-        gap = self._goal - state
-        moved = reached * gap
-        middle = gap - LAGS_S / dt * moved
+        missing = self._state - goal
+        moved = missing * np.expm1(-dt / LAGS_S)
+        angles = moved[:, :n].ravel().tolist()
         most = self._steering_rate * dt
-        turned = moved[:, :n]
-        angles = turned.ravel().tolist()
-        if max(angles) > most or min(angles) < -most:
-            # One that turns as fast as it can is half way in the middle of a step.
-            limited = np.minimum(np.maximum(turned, -most), most)
-            middle[:, :n] = np.where(limited == turned, middle[:, :n], 0.5 * limited)
-            moved[:, :n] = limited
-        middle += state
-        state += moved
-        if learnt_s:
-            self._learn(step, learnt_s, middle)
-        steering, rolling = self._chosen
-        envelope = np.abs(gap[steering, :n])
-        self._envelope *= math.exp(-dt / SETTLING_S)
-        self._envelope = np.maximum(envelope, self._envelope)
-        return Target(
-            middle[steering, :n] + half_turns,
-            self._envelope,
-            sign * middle[rolling, n:],
-            gap[rolling, n:],
-            self._goal[:n] + half_turns,
-            current[1],
-        )
+        held = max(angles) > most or min(angles) < -most
+        if held or learnt_s:
+            middles = goal - LAGS_S / dt * moved
+            if held:
+                self._hold(moved, middles, most)
+            if learnt_s:
+                self._learn(step, learnt_s, middles)
+                picked = self._picked
+            middle = middles.take(picked)
+        else:
+            middle = goal - self._lag_s / dt * moved.take(picked)
+        self._state += moved
+        gap = np.abs(missing.take(picked))
+        self._envelope = np.maximum(gap[:n], self._envelope * math.exp(-dt / SETTLING_S))
+        middle *= self._sign
+        middle += self._half_turns
+        return Target(middle[:n], self._envelope, middle[n:], gap[n:], goal[:n], self._twist)
 
-    def _aim(self, twist: Floats) -> None:
+    def _hold(self, moved: Floats, middles: Floats, most: float) -> None:
+        """No steering turns by more than it can.
+
+        Args:
+            moved: By how much each state would move in a step; set to what it does.
+            middles: What it would be on average; likewise.
+            most: rad.
+        """
+        n = self._n
+        turned = moved[:, :n]
+        limited = np.minimum(np.maximum(turned, -most), most)
+        # One that turns as fast as it can is half way in the middle of a step.
+        half_way = self._state[:, :n] + 0.5 * limited
+        middles[:, :n] = np.where(limited == turned, middles[:, :n], half_way)
+        moved[:, :n] = limited
+
+    def _aim(self, vx: float, vy: float, omega: float) -> None:
         """Inverse kinematics: each wheel turns to the nearer of the two directions.
 
         Single numbers: for some wheels, Python is several times faster with them than numpy.
         """
-        vx, vy, omega = twist.tolist()
         headings, speeds = self._heading, self._speed
         for i, (x, y, steers) in enumerate(self._places):
             ux, uy = vx - omega * y, vy + omega * x
             heading = headings[i]
-            if steers and math.hypot(ux, uy) >= STANDSTILL_M_S:
+            speed = math.hypot(ux, uy)
+            if steers and speed >= STANDSTILL_M_S:
                 turn = math.atan2(uy, ux) - heading
-                headings[i] = heading = heading + turn - math.pi * round(turn / math.pi)
-            speeds[i] = ux * math.cos(heading) + uy * math.sin(heading)
-        goal = self._goal
-        goal[:] = headings + [speeds[i] for i in self._rolls]
+                halves = round(turn / math.pi)
+                headings[i] = heading + turn - math.pi * halves
+                speeds[i] = -speed if halves % 2 else speed
+            else:
+                speeds[i] = ux * math.cos(heading) + uy * math.sin(heading)
+        goal = self._goal = np.array(headings + [speeds[i] for i in self._rolls])
         if not self._all_steer:
-            fixed = self._fixed_roll @ twist
+            fixed = self._fixed_roll @ (vx, vy, omega)
             goal[self._n :] = np.where(self._roll_steers, goal[self._n :], fixed)
 
     def _start(self, step: Step) -> None:
@@ -205,8 +224,7 @@ class Reference:
         heading = np.where(known, step.heading, self._heading)
         half = np.round((heading - self._heading) / math.pi)
         self._heading = (np.array(self._heading) + math.pi * half).tolist()
-        assert self._current is not None
-        self._aim(self._current[1])
+        self._aim(*self._twist.tolist())
         self._state[:] = np.concatenate([heading, self._goal[self._n :]])
         self._known = True
 
@@ -214,26 +232,37 @@ class Reference:
         """Each wheel stands so many half turns from its reference, where it is known."""
         halves = np.where(np.isfinite(halves), halves, 0.0)
         self._halves: list[float] = halves.tolist()
-        self._half_turns = halves * math.pi
-        self._sign = 1.0 - 2.0 * (halves.take(self._roll_wheels) % 2.0)
+        self._half_turns[: self._n] = halves * math.pi
+        self._sign[self._n :] = 1.0 - 2.0 * (halves.take(self._roll_wheels) % 2.0)
 
     def _learn_steering_rate(self, step: Step) -> None:
         """How fast the steering can turn: whatever is wrong, as one has turned, so it can; but a
         reading that jumps, which lasts one step, is no turn."""
-        # Single numbers: for some wheels, Python is faster with them than numpy.
-        seconds, before = step.seconds, self._turned_before
-        turned = self._turned_before = [abs(angle) / seconds for angle in step.steered.tolist()]
-        for now, then in zip(turned, before, strict=True):
-            # NaN is not greater than anything.
-            if now > self._steering_rate < then and min(now, then) <= FASTEST:
-                self._steering_rate = min(now, then)
+        before, self._turned_before = self._turned_before, (step.steered.tolist(), step.seconds)
+        turned, seconds = self._turned_before
+        most = self._steering_rate * seconds
+        # NaN is not greater than anything.
+        if not any(abs(angle) > most for angle in turned):
+            return
+        for now, then in zip(turned, before[0], strict=True):
+            rates = abs(now) / seconds, abs(then) / before[1]
+            if rates[0] > self._steering_rate < rates[1] and min(rates) <= FASTEST:
+                self._steering_rate = min(rates)
+
+    def _choose(self, steering: int, rolling: int) -> None:
+        """Takes lags as those of the drive."""
+        rolls, width = len(self._rolls), len(self._goal)
+        rows = np.repeat((steering, rolling), (self._n, rolls))
+        self._chosen = steering, rolling
+        self._picked = rows * width + np.arange(width)
+        self._lag_s = LAGS_S[rows, 0]
 
     def _learn(self, step: Step, learnt_s: float, middle: Floats) -> None:
         """Which lag the measurements follow."""
         off = np.concatenate(
             (
-                step.heading - self._half_turns,
-                step.wheel_rate.take(self._roll_wheels) * self._radius * self._sign,
+                step.heading - self._half_turns[: self._n],
+                step.wheel_rate.take(self._roll_wheels) * self._radius * self._sign[self._n :],
             )
         )
         off = off - middle
@@ -245,4 +274,4 @@ class Reference:
         self._since_choice += learnt_s
         if self._since_choice >= CHOOSE_S:
             self._since_choice = 0.0
-            self._chosen = self._misses.argmin(axis=1).tolist()
+            self._choose(*self._misses.argmin(axis=1).tolist())

@@ -11,6 +11,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from operator import sub
 
 import numpy as np
 
@@ -96,6 +97,7 @@ class Rows:
             ``…/rolling`` (against the references).
         slides, rolls, gyros, steering, rolling: Where each kind stands among the rows.
         lag_s: By how much wheels follow later than their steering's encoders show.
+        every: Of all rows, that they are there.
         configured: Squares of the shares of speed by which slide and roll rows may be off.
     """
 
@@ -105,8 +107,9 @@ class Rows:
         drive = self._drive = layout.drive
         names = layout.names
         slides, rolls = drive.slide_wheels, drive.roll_wheels
-        self._steered = slides[drive.steers[slides]]
-        ends = np.cumsum([0, len(slides), len(rolls), len(gyros), len(self._steered), len(rolls)])
+        steered = slides[drive.steers[slides]]
+        self._steered: list[int] = steered.tolist()
+        ends = np.cumsum([0, len(slides), len(rolls), len(gyros), len(steered), len(rolls)])
         self.slides, self.rolls, self.gyros, self.steering, self.rolling = (
             slice(a, b) for a, b in pairwise(ends.tolist())
         )
@@ -115,15 +118,16 @@ class Rows:
             *(f"wheel/{names[i]}/slide" for i in slides),
             *(f"wheel/{names[i]}/roll" for i in rolls),
             *(f"gyro/{name}" for name in gyros),
-            *(f"wheel/{names[i]}/steering" for i in self._steered),
+            *(f"wheel/{names[i]}/steering" for i in steered),
             *(f"wheel/{names[i]}/rolling" for i in rolls),
         )
         self._roll_of = np.full(drive.n, -1)
         self._roll_of[rolls] = np.arange(len(rolls))
-        self._slide_roll = self._roll_of[slides]
-        self._slide_rolls = bool((self._slide_roll >= 0).all())
+        self._slide_roll: list[int] = self._roll_of[slides].tolist()
+        self._slide_rolls = min(self._slide_roll, default=0) >= 0
+        self._radius_of = list(zip(rolls.tolist(), drive.roll_radius.tolist(), strict=True))
         settings = list(gyros.values())
-        per_kind = (len(slides), len(rolls), len(gyros), len(self._steered), len(rolls))
+        per_kind = (len(slides), len(rolls), len(gyros), len(steered), len(rolls))
 
         def per_row(*columns: tuple[Floats | float, ...]) -> Floats:
             """From values for slides, rolls, gyros, steering and rolling: one, or one each."""
@@ -139,35 +143,51 @@ class Rows:
 
         quantum = (drive.roll_radius * config.encoder_step / math.sqrt(6)) ** 2
         density = np.array([gyro.noise_density**2 for gyro in settings])
-        wander = np.array([gyro.bias_stability**2 for gyro in settings])
-        wander += (0.5 * CREEP / drive.length_m) ** 2
+        creep = 0.5 * CREEP / drive.length_m
+        wander = np.array([gyro.bias_stability**2 + creep**2 for gyro in settings])
         angle = config.encoder_step**2 + FOLLOWS**2
-        self._noise = per_row(
-            (CREEP**2, 0.0, wander, angle, (0.5 * CREEP) ** 2),  # in every step
-            (0.0, 0.0, density, 0.0, 0.0),  # by 1/dt
-            (0.0, quantum, 0.0, 0.0, quantum),  # by 1/dt²
-        )
         scale = np.array([gyro.scale_error for gyro in settings])
+        nothing = (0.0,) * 5
+        # What does not depend on a row's own value, in one product: numpy takes long to be called.
+        self._causes = np.concatenate(
+            (
+                # Noise.
+                per_row(
+                    (CREEP**2, 0.0, wander, angle, (0.5 * CREEP) ** 2),  # in every step
+                    (0.0, 0.0, density, 0.0, 0.0),  # by 1/dt
+                    (0.0, quantum, 0.0, 0.0, quantum),  # by 1/dt²
+                    *(nothing,) * 3,
+                ),
+                # Size of a fault.
+                per_row(
+                    (SLOWEST, SLOWEST, TREMBLE, 1.0, SLOWEST),
+                    *(nothing,) * 2,
+                    (1.0, 1.0, YAW / drive.length_m, 0.0, 1.0),  # by speed
+                    *(nothing,) * 2,
+                ),
+                # What all slip.
+                per_row(
+                    *(nothing,) * 4,
+                    (SHARED, SHARED, YAWING / drive.length_m, 0.0, SHARED),  # by mean slip
+                    (0.0, 0.0, 0.0, 0.0, 1.0),  # by droop
+                ),
+            )
+        )
+        # By the square of what each row shows: how far drives follow, and calibration.
         self._follows = per_row((0.0, 0.0, 0.0, 0.0, FOLLOWS**2))[:, 0]
         wrong = per_row((config.steering_error, config.radius_error, scale, 0.0, 0.0))[:, 0]
         self._calibration: Floats = (UNKNOWN * wrong) ** 2
         self.configured: Floats = wrong[: len(slides) + len(rolls)] ** 2
-        self._size = per_row(
-            (SLOWEST, SLOWEST, TREMBLE, 1.0, SLOWEST),
-            (1.0, 1.0, YAW / drive.length_m, 0.0, 1.0),  # by speed
-        )
-        # What a manoeuvre adds: by what is forced or late in each row, and by what all slip.
+        # By what is forced or late in each row.
         self._late = per_row((FORCED, FORCED, JERK, PENDING, PENDING))[:, 0]
-        self._slipping = per_row(
-            (SHARED, SHARED, YAWING / drive.length_m, 0.0, SHARED),  # by mean slip
-            (0.0, 0.0, 0.0, 0.0, 1.0),  # by droop
-        )
-        self._zeros = np.zeros(drive.n)
-        self.lag_s = 0.0
+        self._mounted: list[float] = drive.heading(np.zeros(drive.n)).tolist()
+        self._zeros, self.lag_s = [0.0] * drive.n, 0.0
         self._h = np.zeros((self.count, 3))
         self._h[self.gyros, 2] = 1.0
         self._constraints = len(slides) + len(rolls)
-        self._no_slide, self._no_steering = np.zeros(len(slides)), np.zeros(len(self._steered))
+        self._no_slides, self._no_rolls = [0.0] * len(slides), [0.0] * len(rolls)
+        self._no_constraints = [0.0] * self._constraints
+        self._no_gyros, self._no_steering = [0.0] * len(settings), [0.0] * len(steered)
         # The rows of a wheel that has both are square to each other, at any angle.
         straight = drive.rows(drive.steering(np.zeros(drive.n)))
         both = set(slides.tolist()) & set(rolls.tolist())
@@ -175,11 +195,11 @@ class Rows:
         self._inverse: Floats | None = None
         if turning <= both:
             self._inverse = np.asarray(np.linalg.inv(straight.T @ straight + REGULAR))
-        self._gyro_before = self._turned = np.zeros(len(settings))
-        self._told: list[float] = []
-        self._root_rolls = math.sqrt(max(len(rolls), 1))
+        self._gyro_before = self._turned = self._no_gyros
+        self._unknown = self._told = [math.nan] * len(rolls)
         self._skid = 0.0  # by how much wheels are ahead of the robot, m/s
-        self._all = np.ones(self.count, dtype=np.bool_)
+        self.every: Bools = np.ones(self.count, dtype=np.bool_)
+        self._untold: Bools = np.arange(self.count) < self.gyros.stop
 
     def roll_of(self, wheel: int) -> int:
         """Number of a wheel's roll row among the roll rows; -1 if it has none."""
@@ -187,7 +207,7 @@ class Rows:
 
     def correct(self, zeros: Floats) -> None:
         """Wheels stand so far off what they show, rad to the left, shape (n,)."""
-        self._zeros = zeros
+        self._zeros = zeros.tolist()
 
     def calibrate(self, squares: Floats) -> None:
         """Slide and roll rows are off by such shares of a wheel's speed, squares of standard
@@ -203,78 +223,112 @@ class Rows:
             bias: Of each gyro, rad/s.
         """
         drive, dt, steered = self._drive, step.seconds, self._steered
-        slides, rolls, gyros = self.slides, self.rolls, self.gyros
-        headings = np.empty((2, drive.n))
-        headings[0], headings[1] = step.heading, target.heading
-        headings += self._zeros
-        if self.lag_s:
-            headings[0] -= step.steered * (self.lag_s / dt)
-        rows, wanted = drive.rows_along(headings)
+        # Single numbers: for some wheels, Python is faster with them than numpy.
+        heading, turns = step.heading.tolist(), step.steered.tolist()
+        late, zeros = self.lag_s / dt, self._zeros
+        stands = self._mounted.copy()
+        for i in steered:
+            stands[i] = heading[i] + zeros[i] - late * turns[i]
+        lag = [abs(turns[i]) * (STEERING_LAG_S / dt) for i in steered]
+        rates = step.wheel_rate.tolist()
+        rolled = [rates[i] * radius for i, radius in self._radius_of]
+        turning = (step.gyro_rate - bias).tolist()
+        # One sum tells whether anything is missing, which is rare.
+        whole = math.isfinite(sum(stands) + sum(lag) + sum(rolled) + sum(turning))
+        look = drive.known_rows if whole else drive.rows_along
+        if target.known:
+            told, speeds = target.heading.tolist(), target.speed.tolist()
+            aimed = self._mounted.copy()
+            for i in steered:
+                aimed[i] = told[i] + zeros[i]
+            rows, wanted = look(np.array((*stands, *aimed)).reshape(2, -1))
+            forced, mean = self._slip(wanted, target.speed)
+            off, present = [heading[i] - told[i] for i in steered], self.every
+            missed = [is_ - should for is_, should in zip(rolled, speeds, strict=True)]
+        else:
+            rows, forced, mean = look(np.array(stands)), self._no_constraints, 0.0
+            self._told, self._skid = self._unknown, 0.0
+            off, present = self._no_steering, self._untold
+            missed = speeds = self._no_rolls
         h = self._h.copy()
         h[: self._constraints] = rows
-        rolled = step.wheel_rate[drive.roll_wheels] * drive.roll_radius
-        z = np.concatenate(
-            (
-                self._no_slide,
-                rolled,
-                step.gyro_rate - bias,
-                (step.heading - target.heading)[steered],
-                rolled - target.speed,
-            )
-        )
-        speeds = target.speed
-        lag = np.abs(step.steered[steered]) * (STEERING_LAG_S / dt)
-        forced = self._slip(wanted, speeds)
-        # One sum tells whether anything is missing, which is rare.
-        whole = math.isfinite(sum(z.tolist()))
-        present = self._all
+        z = [*self._no_slides, *rolled, *turning, *off, *missed]
         if not whole:
-            present = np.isfinite(z) & np.isfinite(h[:, 0])
-            z[~present] = 0.0
+            present = present & np.isfinite(z) & np.isfinite(h[:, 0])
             h[~present] = 0.0
-            rolled, speeds, lag = z[rolls], np.nan_to_num(speeds), np.nan_to_num(lag)
-        shown = np.maximum(np.abs(rolled), np.abs(speeds))
-        speed = max(shown.tolist(), default=0.0)
+            z = np.where(present, z, 0.0).tolist()
+            rolled, turning = z[self.rolls], z[self.gyros]
+            lag = [each if math.isfinite(each) else 0.0 for each in lag]
+        shown = [max(abs(is_), abs(should)) for is_, should in zip(rolled, speeds, strict=True)]
+        speed = max(shown, default=0.0)
         # Along the slide rows a wheel's own speed; the robot's where it does not roll by itself.
-        sliding = shown[self._slide_roll] if self._slide_rolls else np.full(slides.stop, speed)
-        size = self._size.dot((1.0, speed))
-        turning = z[gyros]
-        squares = np.concatenate((sliding, shown, turning, self._no_steering, shown))
+        sliding = (
+            [shown[i] for i in self._slide_roll]
+            if self._slide_rolls
+            else [speed] * len(self._no_slides)
+        )
+        lagging = self._no_slides
+        if len(lag) == len(sliding):
+            lagging = [each * late for each, late in zip(sliding, lag, strict=True)]
+        if target.known:
+            mean += self._hastened(speeds, target.twist, speed, dt)
+        gaps = target.heading_gap.tolist()
+        values = np.array(
+            [
+                *z,
+                # How much is shown.
+                *(*sliding, *shown, *turning, *self._no_steering, *shown),
+                # What is forced or late.
+                *(
+                    *forced,
+                    *self._changed(turning),
+                    *[gaps[i] for i in steered],
+                    *target.speed_gap.tolist(),
+                ),
+                # What belongs to another time.
+                *(*lagging, *self._no_rolls, *self._no_gyros, *lag, *self._no_rolls),
+            ]
+        )
+        # While wheels turn, their references contradict each other: they really slip.
+        droop = DROOP_M_S * mean / (mean + GRIP_M_S)
+        causes = self._causes.dot((1.0, 1 / dt, 1 / dt**2, speed, mean, droop))
+        size = causes[self.count : 2 * self.count]
+        if present is not self.every:
+            size *= present
+        return Measured(
+            values[: self.count], h, *self._variances(values, causes), size, speed, present
+        )
+
+    def _variances(self, values: Floats, causes: Floats) -> tuple[Floats, Floats, Floats]:
+        """Of sensors, of calibration, and what the manoeuvre adds.
+
+        Args:
+            values: What rows measure and show, what is late, and by what lags, shape (4 M,).
+            causes: Noise, sizes of faults, and slip, shape (3 M,).
+        """
+        count = self.count
+        squares = values[count : 2 * count]
         squares *= squares
         base = squares * self._follows
-        base += self._noise.dot((1.0, 1 / dt, 1 / dt**2))
-        fixed = squares * self._calibration
-
-        # While wheels turn, their references contradict each other: they really slip.
-        mean = math.sqrt(float(forced.dot(forced)) / len(forced))
-        mean += self._hastened(target, speed, dt)
-        turned = np.abs(turning - self._gyro_before)
-        loose = np.concatenate(
-            (
-                forced,
-                np.minimum(turned, self._turned),
-                target.heading_gap[steered],
-                target.speed_gap,
-            )
-        )
-        np.abs(loose, out=loose)
+        base += causes[:count]
+        loose = np.abs(values[2 * count : 3 * count])
         loose *= self._late
-        loose += self._slipping.dot((mean, DROOP_M_S * mean / (mean + GRIP_M_S)))
-        if len(lag) == len(sliding):
-            loose[slides] += sliding * lag
-        loose[self.steering] += lag
+        loose += causes[2 * count :]
+        loose += values[3 * count :]
         loose *= loose
-        self._gyro_before, self._turned = turning, turned
-        if not whole:
-            size[~present] = 0.0
-        return Measured(z, h, base, fixed, loose, size, speed, present)
+        return base, squares * self._calibration, loose
 
-    def _hastened(self, target: Target, speed: float, dt: float) -> float:
+    def _changed(self, turning: list[float]) -> list[float]:
+        """By how much each gyro's value has changed, in this step and in the one before."""
+        before, now = self._turned, [*map(abs, map(sub, turning, self._gyro_before))]
+        self._gyro_before, self._turned = turning, now
+        return [*map(min, now, before)]
+
+    def _hastened(self, told: list[float], twist: Floats, speed: float, dt: float) -> float:
         """How much all slip since the command hastens the robot, m/s; 0 if it is not known."""
-        told = target.speed.tolist()
-        before, self._told = self._told or told, told
-        vx, vy, omega = target.twist.tolist()
-        hastened = math.dist(told, before) / (self._root_rolls * dt)
+        before, self._told = self._told, told
+        vx, vy, omega = twist.tolist()
+        hastened = math.dist(told, before) / (math.sqrt(max(len(told), 1)) * dt)
         held = math.hypot(omega * vx, omega * vy, hastened) / HOLDS_M_S2
         if not held >= 0.0:
             self._skid = 0.0
@@ -282,14 +336,11 @@ class Rows:
         self._skid = max(0.0, self._skid + (hastened - HOLDS_M_S2) * dt)
         return LOADED * min(held * held, 1.0) * speed + self._skid
 
-    def _slip(self, rows: Floats, speeds: Floats) -> Floats:
-        """How much the references contradict each other, m/s, shape (R,); 0 if there are none."""
-        right = speeds.dot(rows[self.rolls])
-        if not math.isfinite(sum(right.tolist())):
-            return np.zeros(len(rows))
+    def _slip(self, rows: Floats, speeds: Floats) -> tuple[list[float], float]:
+        """How much the references contradict each other, m/s, in each row and on average."""
         inverse = self._inverse
         if inverse is None:
             inverse = np.asarray(np.linalg.inv(rows.T @ rows + REGULAR))
-        slip = np.asarray(rows.dot(inverse.dot(right)))
+        slip = rows.dot(inverse.dot(speeds.dot(rows[self.rolls])))
         slip[self.rolls] -= speeds
-        return slip
+        return slip.tolist(), math.sqrt(float(slip.dot(slip)) / len(slip))
