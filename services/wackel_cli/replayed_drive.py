@@ -50,4 +50,4 @@ class ReplayedDiagnoser(_ReplayedDrive):
     topics = (STATE, IMU, TWIST_COMMAND)  # type: ignore[assignment]
 
     def __init__(self, drive: DriveConfig, gyros: Mapping[str, GyroConfig]) -> None:
-        super().__init__(Diagnoser(drive, gyros))
+        super().__init__(Diagnoser(drive, gyros, lambda: False))

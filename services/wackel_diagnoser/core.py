@@ -3,7 +3,7 @@
 Time is the stamps of the messages, so a recording gives the same as the robot.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -55,9 +55,15 @@ class Diagnoser:
     Args:
         config: The drive.
         gyros: By name, as published on ``imu/<name>``.
+        shown: Whether anyone looks at residuals now; else they are not made.
     """
 
-    def __init__(self, config: DriveConfig, gyros: Mapping[str, GyroConfig]) -> None:
+    def __init__(
+        self,
+        config: DriveConfig,
+        gyros: Mapping[str, GyroConfig],
+        shown: Callable[[], bool] = lambda: True,
+    ) -> None:
         layout = Layout(config)
         self._gyros = tuple(gyros)
         self._alignment = Alignment(layout, gyros)
@@ -108,6 +114,7 @@ class Diagnoser:
         self._steps_made = 0
         self._driven_s = 0.0
         self._restarts = 0
+        self._is_shown = shown
         self._shown: int | None = None
         self._examined = 0
         self._complaint: Complaint | None = None
@@ -197,7 +204,8 @@ class Diagnoser:
             messages += self._examine(step.end)
         if changed or self._shown is None or not 0 <= step.end - self._shown < SHOW_NS:
             self._shown = step.end
-            messages.append(self._display.residuals(step, target, measured, variance))
+            if self._is_shown():
+                messages.append(self._display.residuals(step, target, measured, variance))
         return messages
 
     def _learn(self, measured: Measured, variance: Floats, seconds: float, moving: bool) -> None:

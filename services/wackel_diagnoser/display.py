@@ -1,12 +1,11 @@
 """What is seen, for people: the ``residuals`` message."""
 
 import math
-from collections import Counter
 
 import numpy as np
 
 from wackel_diagnoser.bank import Bank
-from wackel_diagnoser.hypotheses import Class, Hypotheses
+from wackel_diagnoser.hypotheses import Hypotheses
 from wackel_diagnoser.reference import Reference, Target
 from wackel_diagnoser.rows import Measured, Rows
 from wackel_diagnoser.scaling import Scaling
@@ -47,7 +46,11 @@ class Display:
     ) -> None:
         self._drive = layout.drive
         self._paper = PaperSteps(layout)
-        self._hypotheses = hypotheses
+        self._explanations = hypotheses.explanations
+        # How far a fault spoils the rows, of which there are several ways, is not told.
+        told = [(hypothesis.components, hypothesis.kind) for hypothesis in hypotheses.each]
+        self._told = list(dict.fromkeys(told))
+        self._tells = np.array([[each == one for each in told] for one in self._told], dtype=float)
         self._rows = rows
         self._bank = bank
         self._sensors = sensors
@@ -65,28 +68,26 @@ class Display:
             measured: The rows of that.
             variance: Of the rows, if nothing is wrong.
         """
-        hypotheses, rows, drive = self._hypotheses, self._rows, self._drive
-        twist = self._bank.covariance() @ self._bank.right()
-        off = (measured.z - measured.h @ twist).tolist()
+        rows = self._rows
+        twist = self._bank.covariance().dot(self._bank.right())
+        off = (measured.z - measured.h.dot(twist)).tolist()
         sigma = np.sqrt(variance).tolist()
         scale = np.sqrt(self._sensors.factors).tolist()
-        posterior = self._sequential.posterior()
-        shown: Counter[tuple[tuple[str, ...], Class]] = Counter()
-        for hypothesis, probability in zip(hypotheses.each, posterior.tolist(), strict=True):
-            # How far a fault spoils the rows, of which there are several ways, is not told.
-            shown[hypothesis.components, hypothesis.kind] += probability
+        probabilities = self._tells.dot(self._sequential.posterior())
+        likeliest = np.argsort(-probabilities, kind="stable")[:SHOWN].tolist()
         gyro = measured.z[rows.gyros][measured.present[rows.gyros]]
+        goal = np.where(np.isfinite(target.goal), target.goal, step.heading)
+        beta, commanded_beta = self._drive.steering(np.array((step.heading, goal)))
         judged = self._paper.judge(
-            drive.steering(step.heading),
+            beta,
             step.wheel_rate,
-            drive.steering(np.where(np.isfinite(target.goal), target.goal, step.heading)),
+            commanded_beta,
             target.twist,
             float(gyro.mean()) if len(gyro) else math.nan,
         )
-        known = bool(np.isfinite(target.twist).all())
         return Residuals(
             stamp=step.end,
-            commanded=target.twist.tolist() if known else None,
+            commanded=target.twist.tolist() if target.known else None,
             candidates=self._paper.candidates(judged),
             signature=self._paper.signature(judged),
             steps=self._paper.steps(judged),
@@ -99,11 +100,13 @@ class Display:
             ],
             hypotheses=[
                 HypothesisState(
-                    components=list(components), fault=kind, probability=min(probability, 1.0)
+                    components=list(self._told[i][0]),
+                    fault=self._told[i][1],
+                    probability=min(float(probabilities[i]), 1.0),
                 )
-                for (components, kind), probability in shown.most_common(SHOWN)
+                for i in likeliest
             ],
             alarm=self._sequential.alarm,
-            verdict=list(hypotheses.explanations[self._sequential.verdict]),
+            verdict=list(self._explanations[self._sequential.verdict]),
             lags_s=list(self._reference.lags_s),
         )

@@ -16,9 +16,9 @@ from wackel_schemas.residuals import Residuals
 def run(config: RobotConfig, drive: DriveConfig) -> None:
     """Runs the service until a signal ends it."""
     with Node("diagnoser", "main", config) as node:
-        core = Diagnoser(drive, config.gyros)
-        node.keep_journal()
         residuals = node.publisher(keys.RESIDUALS)
+        core = Diagnoser(drive, config.gyros, lambda: residuals.has_reader)
+        node.keep_journal()
         exclusions = node.publisher(keys.EXCLUSIONS)
         faults = FaultPublisher(node, "diagnoser", core.active)
 

@@ -82,8 +82,9 @@ class PaperSteps:
             yaw: What the gyro shows, rad/s; NaN if there is none.
         """
         candidates, drive = self._candidates, self._drive
-        twists = candidates.twists(drive.rows(beta), drive.values(rate))
-        singular = candidates.singularities(drive.rows(commanded_beta))
+        rows, commanded_rows = drive.rows(np.array((beta, commanded_beta)))
+        twists = candidates.twists(rows, drive.values(rate))
+        singular = candidates.singularities(commanded_rows)
         left = ~singular.any & np.isfinite(twists[:, 0])
         texts = {"I": self._text_of_first(singular.at_contact, singular.coincident)}
         off: Bools = left & (np.abs(twists - command) > self._tolerance).any(axis=-1)
