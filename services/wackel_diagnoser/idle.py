@@ -7,8 +7,6 @@ other. One that turns alone needs only the first, while the others work.
 
 import math
 
-import numpy as np
-
 from wackel_diagnoser.efforts import LEAST
 from wackel_diagnoser.sequential import threshold
 from wackel_kinematics.array import Floats
@@ -50,10 +48,10 @@ class IdleMotors:
     def __init__(self, count: int, rate: float) -> None:
         self.found = [False] * count
         self._limit = threshold(count, rate)
-        self._sums = np.zeros(count)
-        self._awake = np.zeros(count)
-        self._before: Floats | None = None
-        self._usual: Floats | None = None
+        self._sums = [0.0] * count
+        self._awake = [0.0] * count
+        self._before: list[float] | None = None
+        self._usual: list[float] | None = None
 
     def step(
         self, seconds: float, speed: Floats, current: Floats, needs: Floats, usual: Floats
@@ -68,36 +66,50 @@ class IdleMotors:
             usual: Mean square of what each needs beyond that, as known before the first look; later
                 ones follow it on their own.
         """
-        before, self._before = self._before, speed
-        if before is None or len(speed) < 2:
+        speeds = speed.tolist()
+        before, self._before = self._before, speeds
+        if before is None or len(speeds) < 2:
             return
-        friction, inertia = needs[0] * speed, needs[1] * (speed - before) / seconds
-        alone, rest = current - friction, current - friction - inertia
-        if not math.isfinite(float(alone.sum() + rest.sum() + usual.sum())):
+        # Single numbers: for some motors, Python is faster with them than numpy.
+        by_speed, by_acceleration = needs.tolist()
+        frictions = [by_speed * now for now in speeds]
+        inertias = [
+            by_acceleration * (now - then) / seconds
+            for now, then in zip(speeds, before, strict=True)
+        ]
+        alone = [a - friction for a, friction in zip(current.tolist(), frictions, strict=True)]
+        rest = [a - inertia for a, inertia in zip(alone, inertias, strict=True)]
+        means = self._usual or usual.tolist()
+        if not math.isfinite(sum(alone) + sum(rest) + sum(means)):
             return
-        usual = self._usual = self._follow(
-            usual if self._usual is None else self._usual, rest, seconds
-        )
-        active = alone * alone / np.maximum(usual, NOISE**2)
-        self._awake += (active - self._awake) * min(1.0, seconds / AWAKE_S)
+        self._usual = means = self._follow(means, rest, seconds)
+        share, awake = min(1.0, seconds / AWAKE_S), self._awake
+        for i, (amperes, mean) in enumerate(zip(alone, means, strict=True)):
+            awake[i] += (amperes * amperes / max(mean, NOISE**2) - awake[i]) * share
         # The laziest of the others says how much there is to do.
-        lowest, second = np.sort(self._awake)[:2]
-        others = np.minimum(np.where(self._awake > lowest, lowest, second), 1.0)
-        idle = NOISE**2 + (FRICTION * friction) ** 2
-        driving = idle + usual * others
-        told = np.log(driving / idle) + rest * rest / driving - alone * alone / idle
-        # At an even speed wheels push each other as they did before: nothing new.
-        quiet = (usual < WORKS * NOISE**2) | (np.abs(inertia) < NOISE)
-        told[quiet & (told > 0.0)] = 0.0
-        self._sums += INDEPENDENT * np.clip(0.5 * told, -AGAINST, FOR)
-        np.clip(self._sums, 0.0, MOST * self._limit, out=self._sums)
+        lowest, second = sorted(awake)[:2]
+        sums, most = self._sums, MOST * self._limit
+        for i, mean in enumerate(means):
+            others = min(lowest if awake[i] > lowest else second, 1.0)
+            swaying = FRICTION * frictions[i]
+            idle = NOISE**2 + swaying * swaying
+            driving = idle + mean * others
+            told = math.log(driving / idle)
+            told += rest[i] * rest[i] / driving - alone[i] * alone[i] / idle
+            # At an even speed wheels push each other as they did before: nothing new.
+            if told > 0.0 and (mean < WORKS * NOISE**2 or abs(inertias[i]) < NOISE):
+                told = 0.0
+            sums[i] += INDEPENDENT * min(max(0.5 * told, -AGAINST), FOR)
+            sums[i] = min(max(sums[i], 0.0), most)
         self.found = [
-            bool(total > (0.5 if known else 1.0) * self._limit)
-            for total, known in zip(self._sums.tolist(), self.found, strict=True)
+            total > (0.5 if known else 1.0) * self._limit
+            for total, known in zip(sums, self.found, strict=True)
         ]
 
-    def _follow(self, usual: Floats, rest: Floats, seconds: float) -> Floats:
+    def _follow(self, usual: list[float], rest: list[float], seconds: float) -> list[float]:
         """What is usual, from what motors need now; that of one without a wheel stays."""
-        seen = np.minimum(rest * rest, BURST * np.maximum(usual, NOISE**2))
         share = min(1.0, seconds / LONG_S)
-        return np.where(self.found, usual, usual + share * (seen - usual))
+        return [
+            mean if found else mean + share * (min(left * left, BURST * max(mean, NOISE**2)) - mean)
+            for mean, left, found in zip(usual, rest, self.found, strict=True)
+        ]
