@@ -208,15 +208,12 @@ class Alignment:
 
     def _covered(self, end: int) -> bool:
         """Whether nothing is left that waiting for could bring."""
-        awaited = [
-            track
-            for track in self._tracks
-            if track.present and track.newest is not None and track.newest < end
-        ]
-        if awaited and self._wheels_newest < end + WAIT_NS:
-            return False
-        for track in awaited:
-            track.present = False
+        waited = self._wheels_newest >= end + WAIT_NS
+        for track in self._tracks:
+            if track.present and track.newest is not None and track.newest < end:
+                if not waited:
+                    return False
+                track.present = False
         return True
 
     def _fits(self, stamp: int, bus: str) -> bool:

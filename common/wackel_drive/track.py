@@ -29,6 +29,8 @@ class Track:
             waited in vain, until the next.
     """
 
+    __slots__ = ("_samples", "newest", "present")
+
     def __init__(self) -> None:
         self.newest: int | None = None
         self.present = False
@@ -82,10 +84,20 @@ class Track:
             ``None`` where samples do not cover it, and for the angle where only rates are known.
         """
         samples = self._samples
-        if len(samples) > 1 and samples[0][0] == begin and samples[1][0] == end:
+        if samples and samples[0][0] == begin:
             # Usual: the servo whose samples make the steps, and all that are read with it.
-            before = samples.pop(0)
-            return before[1], _between(before, samples[0])
+            before, total = samples[0], 0.0
+            for at in range(1, len(samples)):
+                after = samples[at]
+                part = _between(before, after) if after[0] <= end else None
+                if part is None:
+                    break
+                total += part
+                if after[0] == end:
+                    angle = samples[0][1]
+                    del samples[:at]
+                    return angle, total
+                before = after
         at = self._at_or_before(begin)
         if at < 0 or samples[-1][0] < end:
             self.forget(end)

@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass
 
 from wackel_drive.layout import Layout
-from wackel_kinematics.array import Floats
 from wackel_kinematics.candidates import AT_CONTACT
 from wackel_kinematics.inverse import STANDSTILL_M_S
+from wackel_schemas.drive import TwistCommand
 
 SIDEWAYS = 0.05
 """Share of the robot's speed by which a command may drag a wheel sideways: planners round."""
@@ -52,11 +52,11 @@ class CommandWatch:
         self._singular: tuple[str, float] | None = None
         self._stamp = 0
 
-    def look(self, twist: Floats, stamp: int) -> Complaint | None:
-        """What is wrong with a command that holds from ``stamp`` on."""
-        vx, vy, omega = twist.tolist()
-        seconds = min(max(stamp - self._stamp, 0) / 1e9, LASTING_S)
-        self._stamp = stamp
+    def look(self, command: TwistCommand) -> Complaint | None:
+        """What is wrong with a command, which holds from its stamp on."""
+        vx, vy, omega = command.vx, command.vy, command.omega
+        seconds = min(max(command.stamp - self._stamp, 0) / 1e9, LASTING_S)
+        self._stamp = command.stamp
         size = math.hypot(vx, vy, self._length_m * omega)
         for i, (a, b, c) in self._fixed:
             sideways = abs(a * vx + b * vy + c * omega)

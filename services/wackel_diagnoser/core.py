@@ -126,8 +126,11 @@ class Diagnoser:
         Returns:
             Residuals, fault reports and exclusions; numbered by who publishes.
         """
-        self._alignment.bus_state(bus, state)
+        taken = self._alignment.bus_state(bus, state)
         self._efforts.bus_state(bus, state)
+        if not taken:
+            self._alignment.refused.clear()
+            return []
         return self._steps()
 
     def imu(self, name: str, sample: ImuSample) -> list[Message]:
@@ -140,15 +143,14 @@ class Diagnoser:
     def command(self, message: TwistCommand) -> None:
         """Takes in what the drive is told; what cannot be a command is ignored."""
         if self._reference.command(message):
-            twist = np.array((message.vx, message.vy, message.omega))
-            self._complaint = self._commands.look(twist, message.stamp)
+            self._complaint = self._commands.look(message)
 
     def active(self) -> list[FaultReport]:
         """The faults that are active, in the order in which they began."""
         return self._reports.active()
 
     def _steps(self) -> list[Message]:
-        self._alignment.refused.clear()
+        self._alignment.refused.clear()  # the odometry tells of it
         if self._alignment.restarts != self._restarts:
             self._restarts = self._alignment.restarts
             self._reference.forget()

@@ -11,7 +11,7 @@ import numpy as np
 
 from wackel_drive.layout import Layout
 from wackel_kinematics.array import Floats
-from wackel_schemas.bus import BusState, ServoState
+from wackel_schemas.bus import BusState
 
 LONG_S = 20.0
 """For what is usual."""
@@ -19,6 +19,8 @@ LEAST = 0.005
 """A, or share of the greatest load: resolution of the reading."""
 STALE_NS = 100_000_000
 """A current that is older is that of a servo that does not answer."""
+MOST = 1e3
+"""A, or share of load; more is no reading."""
 LEARNT_S = 5.0
 """Of driving, from which on it is known what is usual."""
 
@@ -46,14 +48,15 @@ class Efforts:
         self._read = [0] * len(joints)
         self._newest = 0
         self._torque: list[bool | None] = [None] * self._rolls
+        self._some_off = False
         self.off_s = [0.0] * self._rolls
         self._unknown: Floats = np.full(len(joints), np.nan)
-        self._usual = self._unknown
-        self._speed: Floats | None = None
-        # Normal equations of current = friction × speed + mass × acceleration, for all wheels.
-        self._normal: Floats = np.diag([1e-6, 1e-6])
-        self._right = np.zeros(2)
-        self._needs: Floats = np.zeros(2)
+        self._usual = [math.nan] * len(joints)
+        self._speed: list[float] | None = None
+        # Normal equations of current = friction × speed + mass × acceleration, for all wheels: the
+        # matrix's upper triangle, and the right side.
+        self._sums = (1e-6, 0.0, 1e-6, 0.0, 0.0)
+        self._needs = (0.0, 0.0)
         self._learnt_s = 0.0
 
     def bus_state(self, bus: str, state: BusState) -> None:
@@ -63,12 +66,19 @@ class Efforts:
             return
         for servo in state.servos:
             place = places.get(servo.id)
-            if place is not None:
-                at, sign = place
-                self._current[at] = sign * _effort(servo)
+            if place is None:
+                continue
+            at, sign = place
+            effort = servo.current if servo.current is not None else servo.load
+            # What is read now and then, as temperatures are, says nothing of it.
+            if effort is not None or servo.position is not None or servo.velocity is not None:
+                if effort is None or not -MOST < effort < MOST:
+                    effort = math.nan
+                self._current[at] = sign * effort
                 self._read[at] = self._newest = state.stamp
-                if servo.torque_enabled is not None and at < self._rolls:
-                    self._torque[at] = servo.torque_enabled
+            if servo.torque_enabled is not None and at < self._rolls:
+                self._torque[at] = servo.torque_enabled
+                self._some_off = any(self._torque) and False in self._torque
 
     def step(self, seconds: float, speed: Floats, learnt_s: float, *, needed: bool) -> Floats:
         """A step has passed.
@@ -83,31 +93,52 @@ class Efforts:
             Squares of what each motor needs beyond driving, by what that usually is; rolling motors
             in the order of the roll rows, then steering motors of all wheels; NaN where unknown.
         """
-        self._watch_torque(seconds)
-        before, self._speed = self._speed, speed
+        if self._some_off or any(self.off_s):
+            self._watch_torque(seconds)
+        speeds = speed.tolist()
+        before, self._speed = self._speed, speeds
         if not (needed or learnt_s) or before is None:
             return self._unknown
-        rolls = self._rolls
-        current = np.array(self._current)
-        causes = np.array([speed, (speed - before) / seconds])
-        by_driving = self._needs.dot(causes)
-        if math.isfinite(float(by_driving.sum())):
-            if learnt_s and math.isfinite(float(current[:rolls].sum())):
-                fade = 1.0 - learnt_s / LONG_S
-                self._normal = fade * self._normal + causes.dot(causes.T)
-                self._right = fade * self._right + causes.dot(current[:rolls])
-                (a, b), (_, c) = self._normal.tolist()
-                r, s = self._right.tolist()
-                self._needs = np.array((c * r - b * s, a * s - b * r)) / (a * c - b * b)
-            current[:rolls] -= by_driving
-        squares: Floats = current * current
+        # Single numbers: for some motors, Python is faster with them than numpy.
+        hastens = [(now - then) / seconds for now, then in zip(speeds, before, strict=True)]
+        friction, mass = self._needs
+        beyond = self._current.copy()
+        if math.isfinite(sum(speeds) + sum(hastens)):
+            if learnt_s and math.isfinite(sum(beyond[: self._rolls])):
+                self._learn(speeds, hastens, learnt_s)
+            for i, (now, hasten) in enumerate(zip(speeds, hastens, strict=True)):
+                beyond[i] -= friction * now + mass * hasten
+        squares = [amperes * amperes for amperes in beyond]
         if learnt_s:
             self._learnt_s = min(self._learnt_s + learnt_s, LONG_S)
-            self._usual = _towards(self._usual, squares, learnt_s / self._learnt_s)
+            share = learnt_s / self._learnt_s
+            self._usual = [
+                _towards(mean, square, share)
+                for mean, square in zip(self._usual, squares, strict=True)
+            ]
         if self._learnt_s < LEARNT_S:
             return self._unknown
-        ratio: Floats = squares / np.maximum(self._usual, LEAST**2)
-        return ratio
+        return np.array(
+            [
+                square / max(usual, LEAST**2)
+                for square, usual in zip(squares, self._usual, strict=True)
+            ]
+        )
+
+    def _learn(self, speeds: list[float], hastens: list[float], learnt_s: float) -> None:
+        """What driving needs, from a moment in which nothing is wrong."""
+        fade = 1.0 - learnt_s / LONG_S
+        a, b, c, r, s = [fade * each for each in self._sums]
+        for now, hasten, amperes in zip(speeds, hastens, self._current, strict=False):
+            a += now * now
+            b += now * hasten
+            c += hasten * hasten
+            r += now * amperes
+            s += hasten * amperes
+        self._sums = a, b, c, r, s
+        determinant = a * c - b * b
+        if determinant > 0.0:
+            self._needs = (c * r - b * s) / determinant, (a * s - b * r) / determinant
 
     @property
     def currents(self) -> list[float]:
@@ -124,7 +155,7 @@ class Efforts:
             amperes if self._newest - read <= STALE_NS else math.nan
             for amperes, read in zip(self._current[:rolls], self._read[:rolls], strict=True)
         ]
-        return np.array(current), self._needs, self._usual[:rolls]
+        return np.array(current), np.array(self._needs), np.array(self._usual[:rolls])
 
     def _watch_torque(self, seconds: float) -> None:
         torque = self._torque
@@ -135,15 +166,9 @@ class Efforts:
         ]
 
 
-def _towards(mean: Floats, value: Floats, share: float) -> Floats:
+def _towards(mean: float, value: float, share: float) -> float:
     """A mean moved towards a value by a share; it begins with the first value that is known."""
     moved = mean + share * (value - mean)
-    if math.isfinite(float(moved.sum())):
+    if math.isfinite(moved):
         return moved
-    return np.where(np.isfinite(moved), moved, np.where(np.isfinite(mean), mean, value))
-
-
-def _effort(servo: ServoState) -> float:
-    """Current, or where there is none the load; NaN if neither is told, or makes no sense."""
-    value = servo.current if servo.current is not None else servo.load
-    return value if value is not None and abs(value) < 1e3 else math.nan
+    return mean if math.isfinite(mean) else value
