@@ -11,7 +11,6 @@ that its Steps I to IV name most often in the same run.
 """
 
 # ruff: noqa: E402
-import gc
 import math
 import multiprocessing
 from collections import Counter
@@ -38,6 +37,7 @@ from wackel_kinematics.candidates import Candidates
 from wackel_kinematics.forward import least_squares
 from wackel_kinematics.inverse import inverse
 from wackel_node.config_drive import DriveConfig, GyroConfig
+from wackel_node.garbage import collect_rarely
 from wackel_schemas import component
 from wackel_schemas.residuals import Residuals
 
@@ -469,7 +469,7 @@ def _cost(quick: bool) -> list[Table]:
     actions: list[Callable[[], object]] = [
         _cycle(config, rounds * calls) for config in drives.values()
     ]
-    gc.freeze()  # the messages that lie ready are not the diagnoser's to look through
+    collect_rarely()  # as the service does
     *figures, bare = side_by_side(*actions, _bare(4), rounds=rounds, calls=calls, cpu=True)
     by_name = dict(zip(drives, figures, strict=True))
     peer = ("least squares and all candidates, 4 wheels", bare)

@@ -41,6 +41,7 @@ from tests.odometry.simulation import (
     steered_drive,
 )
 from wackel_node.config_drive import DriveConfig, GyroConfig
+from wackel_node.garbage import collect_rarely
 from wackel_odometry.core import Odometer
 from wackel_schemas import component
 
@@ -59,6 +60,7 @@ def _cost(quick: bool) -> Table:
         **{f"{n} steered wheels": steered_drive(n) for n in (3, 4, 6, 8)},
     }
     actions: list[Callable[[], object]] = [_cycle(config) for config in drives.values()]
+    collect_rarely()  # as the service does
     *figures, bare = side_by_side(
         *actions, _bare_filter(), rounds=15 if quick else 60, calls=50, cpu=True
     )
