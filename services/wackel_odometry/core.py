@@ -87,6 +87,7 @@ class Odometer:
         self._standstill = Standstill(roll_wheels, config.encoder_step, density)
         self._at_rest = np.zeros((3, FIRST_BIAS + len(settings)))
         self._at_rest[:, TWIST] = np.eye(3)
+        self._still, self._still_variance = np.zeros(3), REST_SIGMA**2
         self._roll_rows = self._rows.roll_of[roll_wheels]
         self._reports = Reports()
         self._inputs = InputWatch()
@@ -94,7 +95,7 @@ class Odometer:
         self._block(())
         self._slipping = False
         self._rejections = [0] * len(self._rows.names)
-        self._contradicted = np.zeros(len(settings))  # s of each gyro against wheels at rest
+        self._contradicted = [0.0] * len(settings)  # s of each gyro against wheels at rest
         self._latest: Odometry | None = None
         self._examined: int | None = None
         self._silent = False  # the wheels are, and it has been told
@@ -195,7 +196,9 @@ class Odometer:
         estimator.seconds = step.seconds
         estimator.predict()
         rows = self._rows.measure(step, estimator.x[TWIST], self._slipping)
-        usable = rows.present() & self._allowed
+        usable = rows.present
+        if self._excluded:
+            usable = usable & self._allowed
         resting = self._standstill.step(step, self._believed)
         verdict = self._rest(rows, usable, step.seconds) if resting else None
         standing = verdict is not None
@@ -226,48 +229,62 @@ class Odometer:
     def _rest(self, rows: Measurements, usable: Bools, seconds: float) -> Verdict | None:
         """Takes the robot to stand still; ``None`` if a gyro contradicts."""
         estimator, first = self._filter, self._rows.wheels
-        shown = np.where(usable[first:], rows.z[first:] - estimator.x[FIRST_BIAS:], 0.0)
-        sigma = np.sqrt(estimator.P.diagonal()[FIRST_BIAS:] + rows.white[first:])
-        contradicts = np.abs(shown) > GATE_SIGMAS * sigma
-        self._contradicted = np.where(contradicts, self._contradicted + seconds, 0.0)
-        for number in np.flatnonzero(self._contradicted >= RELEARN_S).tolist():
-            estimator.forget_bias(number)
-            self._contradicted[number] = 0.0
-        if contradicts.any():
+        heard = usable[first:].tolist()
+        off, sigma = self._off(rows, heard)
+        contradicts = [
+            abs(each) > GATE_SIGMAS * wide for each, wide in zip(off, sigma, strict=True)
+        ]
+        for number, contradicted in enumerate(contradicts):
+            self._contradicted[number] += seconds
+            if not contradicted:
+                self._contradicted[number] = 0.0
+            elif self._contradicted[number] >= RELEARN_S:
+                estimator.forget_bias(number)
+                self._contradicted[number] = 0.0
+        if any(contradicts):
             return None
-        gyros = np.flatnonzero(usable[first:]) + first
-        measured = estimator.expect(
-            np.concatenate([np.zeros(3), rows.z[gyros]]),
-            np.concatenate([self._at_rest, rows.h[gyros]]),
-        )
-        variance = np.concatenate([REST_SIGMA**2, rows.white[gyros]])
-        estimator.correct(measured, variance, learn_bias=True)
-        return Verdict(
-            np.ones(int(usable.sum()), dtype=np.bool_),
-            np.concatenate([rows.z[:first], shown])[usable],
-            np.concatenate([np.sqrt(rows.white[:first]), sigma])[usable],
-        )
+        z, h, variance = self._still, self._at_rest, self._still_variance
+        if any(heard):
+            gyros = [first + number for number, each in enumerate(heard) if each]
+            z = np.concatenate((z, rows.z[gyros]))
+            h = np.concatenate((h, rows.h[gyros]))
+            variance = np.concatenate((variance, rows.white[gyros]))
+        estimator.correct(estimator.expect(z, h), variance, learn_bias=True)
+        innovation = np.concatenate((rows.z[:first], off))
+        spread = np.concatenate((np.sqrt(rows.white[:first]), sigma))
+        if usable is not self._rows.every:
+            innovation, spread = innovation[usable], spread[usable]
+        return Verdict(self._rows.every[: len(innovation)], innovation, spread)
+
+    def _off(self, rows: Measurements, heard: list[bool]) -> tuple[list[float], list[float]]:
+        """What each gyro shows beyond its bias, 0 where it is not used; and how far it may be."""
+        first, estimator = self._rows.wheels, self._filter
+        biases, variances = estimator.x[FIRST_BIAS:], estimator.P.diagonal()[FIRST_BIAS:]
+        shown = (rows.z[first:] - biases).tolist()
+        off = [each if used else 0.0 for each, used in zip(shown, heard, strict=True)]
+        return off, np.sqrt(variances + rows.white[first:]).tolist()
 
     def _watch_gyros(self, rows: Measurements, usable: Bools, verdict: Verdict, step: Step) -> None:
         """Holds each gyro against the yaw rate that the rest says, which its innovation leaves."""
-        judged = usable.nonzero()[0].tolist()
-        x = self._filter.x
-        for i, watch in enumerate(self._gyros.values()):
-            row, bias, others = self._rows.wheels + i, float(x[FIRST_BIAS + i]), float(x[OMEGA])
-            shown = float(rows.z[row])
-            if row in judged:
-                at = judged.index(row)
-                known = verdict.sigma[at] ** 2 < BLIND_VARIANCE[2]
-                others = shown - bias - float(verdict.innovation[at]) if known else math.nan
-            watch.step(step, others, shown, bias)
+        if self._gyros:
+            judged = usable.nonzero()[0].tolist()
+            shown, x = rows.z.tolist(), self._filter.x.tolist()
+            for i, watch in enumerate(self._gyros.values()):
+                row, bias, others = self._rows.wheels + i, x[FIRST_BIAS + i], x[OMEGA]
+                if row in judged:
+                    at = judged.index(row)
+                    known = verdict.sigma[at] ** 2 < BLIND_VARIANCE[2]
+                    others = shown[row] - bias - float(verdict.innovation[at])
+                    others = others if known else math.nan
+                watch.step(step, others, shown[row], bias)
         self._gyro_rate = step.gyro_rate
         self._silent = False
 
     def _odometry(
         self, step: Step, rows: Measurements, usable: Bools, verdict: Verdict, standing: bool
     ) -> Odometry:
-        x, covariance = self._filter.x, self._filter.P
-        variances = covariance.diagonal().tolist()
+        x, covariance = self._filter.x, self._filter.P.tolist()
+        variances = [row[i] for i, row in enumerate(covariance)]
         inputs = self._input_states(usable, verdict)
         reason = self._lost
         if any(map(gt, variances[TWIST], BLIND_VARIANCE)):
@@ -283,8 +300,8 @@ class Odometer:
             vx=vx,
             vy=vy,
             omega=omega,
-            pose_covariance=covariance[POSE, POSE].ravel().tolist(),
-            twist_covariance=covariance[TWIST, TWIST].ravel().tolist(),
+            pose_covariance=[each for row in covariance[POSE] for each in row[POSE]],
+            twist_covariance=[each for row in covariance[TWIST] for each in row[TWIST]],
             valid=not reason,
             reason=reason,
             age_s=max(newest - done, 0) / 1e9,

@@ -59,7 +59,6 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
     def __init__(self, bias_sigma: Floats, bias_stability: Floats) -> None:
         size = FIRST_BIAS + len(bias_sigma)
         super().__init__(dim_x=size, dim_z=1)
-        self.Q = np.zeros((size, size))  # what wanders does so before the pose moves by it
         self._bias_variance = np.square(bias_sigma)
         self._walk = np.concatenate([np.zeros(3), AGILITY, bias_stability**2 / BIAS_TIME_S])
         self.seconds = 0.0
@@ -88,8 +87,16 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         self.P[POSE, :] = self.P[:, POSE] = 0.0
         self.P[POSE, POSE] = np.diag([position_sigma**2, position_sigma**2, heading_sigma**2])
 
+    def predict(self, u: float = 0.0) -> None:
+        """As filterpy's, without its copies."""
+        self.predict_x(u)
+        self.P = self.F.dot(self.P).dot(self.F.T)
+
     def predict_x(self, u: float = 0.0) -> None:  # noqa: ARG002 (filterpy's signature)
-        """Moves the state on by ``seconds``, lets it wander meanwhile, and sets F accordingly."""
+        """Moves the state on by ``seconds`` and sets F accordingly.
+
+        What wanders meanwhile has done so before the pose moves by it.
+        """
         dt = self.seconds
         x, y, theta, vx, vy, omega = self.x[:FIRST_BIAS].tolist()
         half = omega * dt / 2

@@ -40,17 +40,14 @@ class Measurements(NamedTuple):
         h: Rows on the state, shape (m, 6 + g).
         white: Variance of the white errors, shape (m,).
         systematic: Variance of the systematic errors, shape (m,).
+        present: Which have a value, shape (m,).
     """
 
     z: Floats
     h: Floats
     white: Floats
     systematic: Floats
-
-    def present(self) -> Bools:
-        """Which have a value, shape (m,)."""
-        finite: Bools = np.isfinite(self.z + self.h[:, TWIST.start])
-        return finite
+    present: Bools
 
 
 class Rows:
@@ -59,6 +56,7 @@ class Rows:
     Attributes:
         names: Of the rows, as in messages.
         wheels: Number of rows of the wheels; those of the gyros follow.
+        every: All rows, shape (m,).
         slide_of, roll_of: Number of each wheel's slide and roll row, -1 for none, shape (n,).
     """
 
@@ -89,7 +87,6 @@ class Rows:
             },
         }
         self._rows_of_wheel = list(zip(self.roll_of.tolist(), self.slide_of.tolist(), strict=True))
-        self._slides = len(slides)
         self._gyros = slice(self.wheels, None)
         settings = list(gyros.values())
         density = np.array([each.noise_density for each in settings])
@@ -107,15 +104,21 @@ class Rows:
                 [each.scale_error for each in settings],
             ]
         )
-        self._slipping_share = self._share.copy()
-        np.maximum(self._share[: self.wheels], SLIPPING, out=self._slipping_share[: self.wheels])
-        self._lagging = np.flatnonzero(drive.steers[slides])  # slide rows
-        self._lagging_wheels = drive.slide_wheels[self._lagging]
-        self._no_slide = np.zeros(len(slides))
+        slipping = self._share.copy()
+        np.maximum(slipping[: self.wheels], SLIPPING, out=slipping[: self.wheels])
+        self._share, self._slipping_share = self._share**2, slipping**2
+        self._no_slides, self._no_rolls = [0.0] * len(slides), [0.0] * len(rolls)
+        self._no_gyros = [0.0] * len(gyros)
+        self._steered = [i for i in slides if drive.steers[i]]
+        # What lags is that of the wheel of a slide row, if it steers.
+        self._lagging = [i if drive.steers[i] else None for i in slides]
+        self._mounted: list[float] = drive.heading(np.zeros(drive.n)).tolist()
+        self._radius_of = list(zip(rolls, drive.roll_radius.tolist(), strict=True))
         # Where the slide row of a wheel finds its rolling speed; -1 where it has none.
-        self._speed_row = self.roll_of[slides]
-        self._all_roll = bool((self._speed_row >= 0).all())
+        self._roll_of_slide = [rolls.index(i) if i in rolls else -1 for i in slides]
+        self._all_roll = min(self._roll_of_slide, default=0) >= 0
         count = len(self.names)
+        self.every: Bools = np.ones(count, dtype=np.bool_)
         self._h = np.zeros((count, FIRST_BIAS + len(gyros)))
         for i in range(len(gyros)):
             self._h[self.wheels + i, [OMEGA, FIRST_BIAS + i]] = 1.0
@@ -132,23 +135,53 @@ class Rows:
             twist: As last estimated, for the speed of wheels that measure none.
             slipping: Whether an actuator is faulty, so that the robot slips.
         """
-        drive, dt, slides = self._drive, step.seconds, self._slides
+        drive, dt, count = self._drive, step.seconds, len(self.names)
+        # Single numbers: for some wheels, Python is faster with them than numpy.
+        rates, told, turned = step.wheel_rate.tolist(), step.heading.tolist(), step.steered.tolist()
+        rolled = [radius * rates[i] for i, radius in self._radius_of]
+        turning = step.gyro_rate.tolist()
+        heading = self._mounted.copy()
+        for i in self._steered:
+            heading[i] = told[i]
+        # One sum tells whether anything is missing, which is rare.
+        whole = math.isfinite(sum(rolled) + sum(turning) + sum(heading))
+        look = drive.known_rows if whole else drive.rows_along
         h = self._h.copy()
-        h[: self.wheels, TWIST] = drive.rows_along(step.heading)
-        rolled = drive.roll_radius * step.wheel_rate[drive.roll_wheels]
-        z = np.concatenate((self._no_slide, rolled, step.gyro_rate))
-        size = np.abs(z)
-        speed = size[self._speed_row]
-        if not (self._all_roll and math.isfinite(sum(speed.tolist()))):
-            contact = velocity_at(twist, drive.xy[drive.slide_wheels])
-            known = (self._speed_row >= 0) & np.isfinite(speed)
-            speed = np.where(known, speed, np.hypot(contact[:, 0], contact[:, 1]))
-        size[:slides] = speed
+        h[: self.wheels, TWIST] = look(np.array(heading))
+        if whole and self._all_roll:
+            sliding = [abs(rolled[row]) for row in self._roll_of_slide]
+        else:
+            sliding = self._sliding(rolled, twist)
+        late = TURNING_LAG_S / dt
+        lag = [
+            0.0 if wheel is None else speed * turned[wheel] * late
+            for speed, wheel in zip(sliding, self._lagging, strict=True)
+        ]
+        values = np.array(
+            [
+                *(*self._no_slides, *rolled, *turning),
+                # What errors are shares of, and what comes of lags.
+                *(*sliding, *rolled, *turning),
+                *(*lag, *self._no_rolls, *self._no_gyros),
+            ]
+        )
+        z = values[:count]
+        square = values[count:] * values[count:]
         white = self._white.dot((1.0, 1 / dt, 1 / dt**2))
-        lag = speed[self._lagging] * step.steered[self._lagging_wheels] * (TURNING_LAG_S / dt)
-        white[self._lagging] += lag * lag
-        size *= self._slipping_share if slipping else self._share
-        return Measurements(z, h, white, size * size)
+        white += square[count:]
+        systematic = square[:count]
+        systematic *= self._slipping_share if slipping else self._share
+        present = self.every if whole else np.isfinite(z + h[:, TWIST.start])
+        return Measurements(z, h, white, systematic, present)
+
+    def _sliding(self, rolled: list[float], twist: Floats) -> list[float]:
+        """Speed of the wheel of each slide row; where it measures none, by the last estimate."""
+        drive = self._drive
+        contact = velocity_at(twist, drive.xy[drive.slide_wheels]).tolist()
+        return [
+            abs(rolled[row]) if row >= 0 and math.isfinite(rolled[row]) else math.hypot(*velocity)
+            for row, velocity in zip(self._roll_of_slide, contact, strict=True)
+        ]
 
     def slip(self, measurements: Measurements, state: Floats) -> list[tuple[float, float]]:
         """(along, across) of each wheel in m/s in a state; NaN where it is not known."""
