@@ -60,12 +60,10 @@ class Bank:
             variance: Without a fault, shape (M,).
             size: What the factors of the spread are shares of, shape (M,).
         """
-        inverse = np.reciprocal(variance)
-        ratio = (size * size * inverse).take(self._row)
-        ratio *= self._factor
-        ratio += 1.0
-        weight = inverse.take(self._row)
-        weight /= ratio
+        levels = (size * size).take(self._row)
+        levels *= self._factor
+        levels += variance.take(self._row)
+        weight = np.reciprocal(levels)
         weights, columns, products = self._weights, self._columns, self._products
         # Written straight to its place; without "clip", numpy would write to a copy first.
         weight.take(self._chosen, out=weights[:-1], mode="clip")
@@ -76,7 +74,7 @@ class Bank:
         one = self._normal = products.dot(weights)
         two = _eliminate(one, 4)
         three = _eliminate(two, 3)
-        costs: Floats = np.log(ratio).dot(self._choice)
+        costs: Floats = np.log(levels).dot(self._choice)
         costs += np.log(one[0] * two[0] * three[0])
         costs += three[2] - three[1] ** 2 / three[0]
         costs *= -0.5

@@ -213,9 +213,10 @@ class Diagnoser:
     def _learn(self, measured: Measured, variance: Floats, seconds: float, moving: bool) -> None:
         """What residuals are like when nothing is wrong, and the gyros' bias."""
         rows, covariance = self._rows, self._bank.covariance()
-        off = measured.z - measured.h @ (covariance @ self._bank.right())
+        spread = measured.h.dot(covariance)
+        off = measured.z - spread.dot(self._bank.right())
         # What the estimate took from a row itself does not show in its residual.
-        left = 1.0 - np.vecdot(measured.h @ covariance, measured.h) / variance
+        left = 1.0 - np.vecdot(spread, measured.h) / variance
         seen = measured.present & (left > 0.1)
         left = np.maximum(left, 0.1)
         if moving:

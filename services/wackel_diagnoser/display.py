@@ -75,7 +75,7 @@ class Display:
         scale = np.sqrt(self._sensors.factors).tolist()
         probabilities = self._tells.dot(self._sequential.posterior())
         likeliest = np.argsort(-probabilities, kind="stable")[:SHOWN].tolist()
-        gyro = measured.z[rows.gyros][measured.present[rows.gyros]]
+        gyro = measured.z[rows.gyros][measured.present[rows.gyros]].tolist()
         goal = np.where(np.isfinite(target.goal), target.goal, step.heading)
         beta, commanded_beta = self._drive.steering(np.array((step.heading, goal)))
         judged = self._paper.judge(
@@ -83,7 +83,7 @@ class Display:
             step.wheel_rate,
             commanded_beta,
             target.twist,
-            float(gyro.mean()) if len(gyro) else math.nan,
+            sum(gyro) / len(gyro) if gyro else math.nan,
         )
         return Residuals(
             stamp=step.end,

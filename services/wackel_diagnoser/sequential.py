@@ -88,8 +88,8 @@ class Sequential:
     def posterior(self) -> Floats:
         """Probabilities of the hypotheses, as the last fractions of a second tell, shape (K,)."""
         logarithm = self.memory + self._prior
-        probability: Floats = np.exp(logarithm - logarithm.max())
-        probability /= probability.sum()
+        probability: Floats = np.exp(logarithm - _greatest(logarithm))
+        probability /= sum(probability.tolist())
         return probability
 
     def proposal(self) -> int | None:

@@ -4,7 +4,8 @@ This is what a person can follow; it does not decide (:mod:`wackel_diagnoser.seq
 Thresholds are fixed, found by experiment, as in the paper.
 """
 
-from dataclasses import dataclass, field
+import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,8 +21,7 @@ SPEED = 0.05
 of one cycle at the greatest noise gain that Step I leaves are a third of it."""
 
 
-@dataclass(frozen=True)
-class Judgement:
+class Judgement(NamedTuple):
     """What the four steps say of one moment.
 
     Attributes:
@@ -39,9 +39,9 @@ class Judgement:
     coincident: Bools
     left: Bools
     deviates: Bools
-    components: list[str] = field(default_factory=list)
-    fault: str = ""
-    texts: dict[str, str] = field(default_factory=dict)
+    components: list[str]
+    fault: str
+    texts: dict[str, str]
 
 
 class PaperSteps:
@@ -90,7 +90,7 @@ class PaperSteps:
         off: Bools = left & (np.abs(twists - command) > self._tolerance).any(axis=-1)
         components: list[str] = []
         fault = ""
-        if not np.isfinite(command).all():
+        if not math.isfinite(sum(command.tolist())):
             texts["II"] = "No command is known to compare with."
         elif not off.any():
             texts["II"] = "All candidates agree with the command."
@@ -154,8 +154,7 @@ class PaperSteps:
 
     def _apart(self, a: Floats, b: Floats) -> Bools:
         """Whether twists differ by more than a threshold in any component (eq. 10 and 12)."""
-        with np.errstate(invalid="ignore"):
-            return np.asarray((np.abs(a - b) > self._tolerance).any(axis=-1))
+        return np.asarray((np.abs(a - b) > self._tolerance).any(axis=-1))
 
     def _match(self, off: Bools, left: Bools) -> list[str]:
         """Components whose signature the candidates show."""
@@ -177,13 +176,13 @@ class PaperSteps:
         possible &= ~(with_it & (differing < sizes[:, None])).any(axis=1)
         if possible.any():
             best = (possible & (sizes == sizes[possible].max())).nonzero()[0]
-            return [self._suspects[i] for i in best], twists[without[best[-1]]].mean(axis=0)
-        agree = left.any() and not differs[np.ix_(left, left)].any()
-        return (None, twists[left].mean(axis=0)) if agree else ([], None)
+            return [self._suspects[i] for i in best], _mean(twists[without[best[-1]]])
+        agree = left.any() and not differs[left][:, left].any()
+        return (None, _mean(twists[left])) if agree else ([], None)
 
     def _fourth(self, consensus: Floats, command: Floats, yaw: float) -> tuple[str, str]:
         """Step IV: a sensor if gyro and consensus both match the command, else an actuator."""
-        if not np.isfinite(yaw):
+        if not math.isfinite(yaw):
             return "", "No gyro to tell a sensor from an actuator."
         follows = bool(not self._apart(consensus, command))
         turns = abs(yaw - command[2]) <= self._tolerance[2]
@@ -208,6 +207,10 @@ class PaperSteps:
         if len(found) == 1:
             return f"All candidates without {_words(found)} agree with each other."
         return f"Candidates agree without {_words(found, ' or without ')}."
+
+
+def _mean(twists: Floats) -> Floats:
+    return np.asarray(np.add.reduce(twists) / len(twists))
 
 
 def _words(components: list[str], between: str = " or ") -> str:
