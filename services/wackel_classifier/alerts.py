@@ -76,15 +76,19 @@ class Alerts:
             servo.refused_ns, servo.refused = now_ns, number
         self._count()
 
-    def hardware_error(self, position: int, status: int, now_ns: int, stamp: int) -> None:
-        """Hardware Error Status was read."""
+    def hardware_error(self, position: int, status: int, now_ns: int, stamp: int) -> bool:
+        """Hardware Error Status was read; whether an alert of the servo is news by it."""
         servo = self._servos[position]
+        if status == servo.status and bool(status) == (servo.alert_ns is not None):
+            return False
+        alerted = servo.alert_ns is not None
         servo.status = status
         if status and servo.alert_ns is None:
             servo.alert_ns, servo.since = now_ns, stamp
         elif not status:
             servo.alert_ns = None
         self._count()
+        return alerted or bool(status)
 
     def gone(self, position: int) -> None:
         """A servo is out of reach: what it said before is no longer known."""

@@ -123,8 +123,7 @@ class BusClassifier:
                 request.clean_ns = self._now_ns
                 self._incomplete = False
                 if request.has_contents(self._slot):
-                    self._contents(transaction, request, answers)
-                    quiet = not (request.has_fields and self._alerts.alerting)
+                    quiet = not self._contents(transaction, request, answers)
             else:
                 quiet = not self._look(transaction, request, answers, data)
         elif self._goals_due and instruction[PREFIX_BYTES : PREFIX_BYTES + 1] == _SYNC_WRITE:
@@ -134,7 +133,7 @@ class BusClassifier:
             quiet = quiet and transaction.host_lag_ns < HOST_LATE_NS
         if self._now_ns >= self._slot_end_ns:
             self._end_slot()
-        elif quiet and self._now_ns < self._conclude_ns and not self._reach.unsettled:
+        elif quiet and self._now_ns < self._conclude_ns:
             return []
         return self._conclude(transaction)
 
@@ -184,7 +183,7 @@ class BusClassifier:
             if answers.clean:
                 news = True
                 request.learn_errors(data)
-        self._contents(transaction, request, answers)
+        news |= self._contents(transaction, request, answers)
         return news or not (answers.clean or jammed or symptoms.rhythmic)
 
     def _hear(
@@ -300,8 +299,8 @@ class BusClassifier:
         if symptoms.stray and not self._incomplete:
             self._losses.stray(now_ns, stamp)
 
-    def _contents(self, transaction: Transaction, request: Request, answers: Answers) -> None:
-        """What intact answers say."""
+    def _contents(self, transaction: Transaction, request: Request, answers: Answers) -> bool:
+        """What intact answers say; whether that is news."""
         stamp, now_ns = transaction.stamp, self._now_ns
         times = transaction.response_times
         single = request.single
@@ -313,13 +312,14 @@ class BusClassifier:
         if look_at_motion:
             request.slot = self._slot
         elif not request.has_fields:
-            return
+            return False
+        news = False
         for status in answers.statuses:
             asked = request.asked.get(status.id)
             if asked is None or asked.position is None:
                 continue
             for field in asked.fields:
-                self._register(asked.position, field, status, stamp)
+                news |= self._register(asked.position, field, status, stamp)
             if look_at_motion and asked.motion is not None:
                 start, end = asked.motion
                 if len(status.parameters) >= end:
@@ -327,22 +327,25 @@ class BusClassifier:
                     self._frozen.values(
                         asked.position, status.parameters[start:end], velocity, now_ns, stamp
                     )
+        return news
 
-    def _register(self, position: int, field: Field, status: Status, stamp: int) -> None:
+    def _register(self, position: int, field: Field, status: Status, stamp: int) -> bool:
+        """A watched register was read; whether it says that a servo is in trouble, or no longer."""
         data = status.parameters[field.start : field.end]
         register = field.register
         if len(data) != register.length:
-            return
+            return False
         raw = register.decode(data)
         match register.name:
             case "return_delay_time":
                 self._timing.register(position, raw, stamp)
             case "hardware_error_status":
-                self._alerts.hardware_error(position, raw, self._now_ns, stamp)
+                return self._alerts.hardware_error(position, raw, self._now_ns, stamp)
             case "present_input_voltage":
                 self._supply.voltage(position, register.to_si(raw), self._now_ns, stamp)
             case "torque_enable":
                 self._frozen.torque(position, bool(raw))
+        return False
 
     # Slots.
 
@@ -390,7 +393,7 @@ class BusClassifier:
         if findings:
             findings = explain(findings, self._chain, stamp)
         reports = self._book.update(stamp, findings, transaction)
-        self._conclude_ns = now_ns + CONCLUDE_NS
+        self._conclude_ns = min(now_ns + CONCLUDE_NS, reach.due_ns)
         self._attention = reach.waiting | reach.unheard | self._losses.waiting
         self._attention |= self._duplicates.suspected
         if jammers.suspicious:

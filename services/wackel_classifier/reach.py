@@ -32,6 +32,7 @@ reason, for a robot whose servos do not answer is not healthy: longer than to na
 """
 START_NS = 450_000_000
 """How long the others may need when one of those with a common cause is back: a restart, 0.4 s."""
+NEVER_NS = 1 << 62
 BACK_ANSWERS = 3
 """Answers in a row after which a servo that was gone is back: one may slip through."""
 CERTAIN = -math.log(1e-10)
@@ -81,7 +82,8 @@ class Reach:
         waiting: The servos that are without an answer, a bit for each position.
         unheard: Those and all others that were asked and from whom no intact answer came, be it
             damaged or for want of a turn.
-        unsettled: Whether time alone may change the findings.
+        due_ns: When time alone may change the findings next, classifier's time; set by
+            :meth:`findings`.
         interrupted: A cable was, and has just come back; reset by the reader.
     """
 
@@ -90,11 +92,11 @@ class Reach:
     def __init__(self, chain: Chain) -> None:
         self._chain = chain
         self._servos = [_Servo() for _ in range(len(chain))]
-        self._answered_ns = [-(1 << 62)] * len(chain)
-        self._anew_ns = [-(1 << 62)] * len(chain)  # when it began anew with others
+        self._answered_ns = [-NEVER_NS] * len(chain)
+        self._anew_ns = [-NEVER_NS] * len(chain)  # when it began anew with others
         self._unheard = [(0, 0)] * len(chain)  # since when: classifier's time, stamp
         self.waiting = self.unheard = 0
-        self.unsettled = False
+        self.due_ns = NEVER_NS
         self._newly_gone: list[int] = []
         self._cut = len(chain)  # the first servo behind a break; the chain's length if none
 
@@ -224,8 +226,8 @@ class Reach:
 
     def findings(self, now_ns: int, *, jammed: bool) -> list[Finding]:
         """What the servos that are gone have in common; ``jammed`` by a permanent jammer."""
+        self.due_ns = NEVER_NS
         if not (self.waiting or self.unheard):
-            self.unsettled = False
             return []
         servos = self._servos
         certain = CERTAIN_JAMMED if jammed else CERTAIN
@@ -238,7 +240,7 @@ class Reach:
         behind = servos[head:]
         # All of them at once by chance is as unlikely as one so many times.
         cut_off = sum(servo.evidence for servo in behind) >= certain
-        self.unsettled = False
+        open_still = False
         for place, servo in enumerate(servos):
             if not servo.misses or servo.gone:
                 continue
@@ -247,21 +249,26 @@ class Reach:
                 servo.gone = True
                 self._newly_gone.append(place)
             else:
-                self.unsettled = True
+                open_still = True
+        if open_still:
+            lasting = (self._latest_ns(place) + GONE_NS for place in range(len(servos)))
+            self.due_ns = min((due_ns for due_ns in lasting if due_ns > now_ns), default=NEVER_NS)
         self._cut = head if cut_off else len(servos)
         gone = [place for place in range(head) if servos[place].gone]
         named = [place for place in gone if self._is_passed(place)]
         findings = [self._silent(place) for place in named]
-        self.unsettled |= len(named) < len(gone)
+        if len(named) < len(gone):
+            self.due_ns = now_ns  # any answer of one behind it tells
         if cut_off:
             unasked = sum(not servo.misses for servo in behind)
             # The one before may turn out to be missing, too.
             open_ends = unasked or (head and servos[head - 1].misses and not servos[head - 1].gone)
-            if not open_ends or now_ns - behind[0].missed_ns >= RESOLVE_NS:
+            resolved_ns = behind[0].missed_ns + RESOLVE_NS
+            if not open_ends or now_ns >= resolved_ns:
                 findings.append(self._cut_off(head, unasked))
                 named += range(head, len(servos))
             else:
-                self.unsettled = True
+                self.due_ns = min(self.due_ns, resolved_ns)
         return findings + [
             self._without_reason(place)
             for place in range(len(servos))
@@ -278,8 +285,11 @@ class Reach:
         return max(self._answered_ns[place + 1 :], default=0) > self._servos[place].missed_ns
 
     def _is_missing(self, place: int, now_ns: int) -> bool:
-        latest_ns = max(self._answered_ns[place], self._anew_ns[place])
-        return self._servos[place].gone or now_ns - latest_ns >= GONE_NS
+        return self._servos[place].gone or now_ns - self._latest_ns(place) >= GONE_NS
+
+    def _latest_ns(self, place: int) -> int:
+        """Since when a servo may be missing."""
+        return max(self._answered_ns[place], self._anew_ns[place])
 
     def _silent(self, place: int) -> Finding:
         servo = self._servos[place]

@@ -184,6 +184,7 @@ class Timing:
         self._servos = [_Servo() for _ in range(len(chain))]
         self._usual_ns = 0.0
         self._scatter_ns = 0.0
+        self._drift_limit_ns = _drift_limit_ns(0.0)
         self._late_share = LATE_SHARE_START
         self._late_memory = LATE_MEMORY_START
         self._late_in_row = _row(LATE_SHARE_START)
@@ -227,7 +228,7 @@ class Timing:
         self._judge(position, late, stamp)
         if not late and self._usual_ns:
             self._peers.append(own)
-            servo.drift.add(own - median(self._peers), self._drift_limit_ns(), stamp)
+            servo.drift.add(own - median(self._peers), self._drift_limit_ns, stamp)
         if servo.late < LATE_IN_ROW:  # what is slow by itself says nothing of the host
             self._late_share += (late - self._late_share) / self._late_memory
             self._late_memory = min(self._late_memory + 1, LATE_MEMORY)
@@ -297,6 +298,7 @@ class Timing:
             for (_, delays), middle in zip(known, typical, strict=True)
             for delay in delays
         )
+        self._drift_limit_ns = _drift_limit_ns(self._scatter_ns)
         self._late_in_row = _row(self._late_share)
 
     def findings(self, now_ns: int, stamp: int) -> list[Finding]:
@@ -316,7 +318,7 @@ class Timing:
                 if self._servos[place].late >= self._late_in_row
                 and self._chain.servo(place) not in explained
             ]
-        limit_ns = self._drift_limit_ns()
+        limit_ns = self._drift_limit_ns
         drifting = [p for p, servo in enumerate(self._servos) if servo.drift.excess_ns >= limit_ns]
         if not self._most(drifting):
             explained.update(finding.component for finding in findings)
@@ -330,12 +332,6 @@ class Timing:
     def _most(self, places: list[int]) -> bool:
         """Whether most of the servos are concerned: then it is none of them."""
         return 2 * len(places) > max(2, len(self._chain))
-
-    def _drift_limit_ns(self) -> float:
-        """Where chance alone gets once in 1 / :data:`BY_CHANCE` answers (Wald's approximation)."""
-        deviation_ns = max(DRIFT_SCATTER_NS, 1.5 * self._scatter_ns)  # of a normal distribution
-        by_chance_ns = -log(BY_CHANCE) * deviation_ns**2 / DRIFT_NS
-        return max(by_chance_ns, DRIFT_LEAST * DRIFT_NS / 2)
 
     def _margin(self) -> float:
         return max(LEAST_LATE_NS, SCATTER * self._scatter_ns)
@@ -514,6 +510,13 @@ class _Adapter:
 def _is_held(delay: int) -> bool:
     """Whether an adapter may have held an answer back: later than any servo needs, no later."""
     return SLOWEST_NS < delay <= HELD_MOST_NS
+
+
+def _drift_limit_ns(scatter_ns: float) -> float:
+    """Where chance alone gets once in 1 / :data:`BY_CHANCE` answers (Wald's approximation)."""
+    deviation_ns = max(DRIFT_SCATTER_NS, 1.5 * scatter_ns)  # of a normal distribution
+    by_chance_ns = -log(BY_CHANCE) * deviation_ns**2 / DRIFT_NS
+    return max(by_chance_ns, DRIFT_LEAST * DRIFT_NS / 2)
 
 
 def _row(share: float) -> int:

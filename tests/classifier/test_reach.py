@@ -2,7 +2,7 @@
 
 from tests.classifier.rig import chain
 from wackel_classifier.chain import Chain
-from wackel_classifier.reach import Interruption, Reach
+from wackel_classifier.reach import GONE_NS, NEVER_NS, Interruption, Reach
 
 MS = 1_000_000
 LOST = 1e-3
@@ -63,14 +63,14 @@ def test_one_servo_that_misses_some_answers_is_no_interruption() -> None:
 def test_time_alone_changes_nothing_once_all_is_told() -> None:
     followed = reach("adapter")
     assert followed.findings(0, jammed=False) == []
-    assert not followed.unsettled
+    assert followed.due_ns == NEVER_NS
     interrupted(followed, range(2, 3), asked=range(6), lasted_ms=100)
     followed.findings(100 * MS, jammed=False)
-    assert followed.unsettled
+    assert followed.due_ns == GONE_NS
     interrupted(followed, range(2, 3), asked=range(6), lasted_ms=600)
     findings = followed.findings(600 * MS, jammed=False)
     assert [finding.code for finding in findings] == ["servo_silent"]
-    assert not followed.unsettled
+    assert followed.due_ns == NEVER_NS
 
 
 def test_who_is_not_heard_for_a_second_is_told_however_weak_the_evidence() -> None:
