@@ -102,6 +102,8 @@ class Poller:
                     waited_ns = self._processor_wait.total_ns() - waited_before_ns
                     outcome.host_lag_ns = max(outcome.host_lag_ns, waited_ns)
                 self._done(job, outcome)
+                if _is_trouble(outcome):
+                    self._publish()  # now, and not behind the next instruction
         finally:
             self._exchange = None
             self._publish_all()
@@ -116,12 +118,10 @@ class Poller:
             self._publish_all()
 
     def _can_wait(self, outcome: Outcome) -> bool:
-        answers = outcome.answers
         return (
             self._brisk
             and outcome.purpose == "background"
-            and answers.clean
-            and not answers.has_errors
+            and not _is_trouble(outcome)
             and outcome.ended_ns - self._travelling[0].ended_ns < _TRAVELS_WITHIN_NS
         )
 
@@ -209,3 +209,8 @@ class Poller:
         except PortLost as lost:
             logger.warning("request: %s", lost)
             return BusReply(stamp=now, ok=False, text=str(lost))
+
+
+def _is_trouble(outcome: Outcome) -> bool:
+    """Whether anything is not as it should be."""
+    return not outcome.answers.clean or outcome.answers.has_errors
