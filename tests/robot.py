@@ -51,7 +51,7 @@ def write(config: RobotConfig, directory: Path, name: str = "robot") -> Path:
 
 
 class Heard(NamedTuple):
-    """A health message and when it came, UTC ns."""
+    """A health message and when Zenoh had it, UTC ns."""
 
     at_ns: int
     health: Health
@@ -74,7 +74,7 @@ class Robot:
         link.subscribe(keys.HEALTH, self._take)
 
     def _take(self, _: str, health: Health) -> None:
-        self.heard.append(Heard(self.link.clock.now_ns(), health))
+        self.heard.append(Heard(self.link.clock.stamp_ns(self.link.arrived_ns), health))
 
     @property
     def health(self) -> Health:

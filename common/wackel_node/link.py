@@ -14,7 +14,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from itertools import count
+from operator import itemgetter
 from types import TracebackType
 from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar
 
@@ -65,9 +65,7 @@ Role = Literal["peer", "client", "router"]
 
 
 _Arrival: TypeAlias = tuple[int, "_Inbox", Any, int]
-"""Number, inbox, item, bytes: by the number, items of several inboxes keep the order of arrival."""
-
-_arrivals = count()
+"""When, monotonic ns; inbox, item, bytes. By the time, items of several inboxes keep order."""
 
 
 class NotReached(Explained, ConnectionError):
@@ -221,7 +219,7 @@ class _Inbox:
     def add(self, item: Any, size: int = 0) -> None:  # on a Zenoh thread
         _keep_thread_state()
         with self._lock:
-            self._items.append((next(_arrivals), self, item, size))
+            self._items.append((time.monotonic_ns(), self, item, size))
             self._bytes += size
             while len(self._items) > self._depth or self._bytes > _MOST_WAITING:
                 self._bytes -= self._items.popleft()[-1]
@@ -246,6 +244,7 @@ class Link:
         boot: Random number of this process start.
         received, lost, rejected: Counts of messages read, never arrived, and not understood.
         rejection: Key and reason of the latest that was not understood; empty if none was.
+        arrived_ns: When Zenoh had the message that is being handled, or was last; monotonic.
     """
 
     def __init__(self, config: RobotConfig, role: Role = "client") -> None:
@@ -256,6 +255,7 @@ class Link:
         self.lost = 0
         self.rejected = 0
         self.rejection = ""
+        self.arrived_ns = 0
         self._prefix = f"{ROOT}/{config.robot}/"
         self._inboxes: list[_Inbox] = []
         self._wake: queue.SimpleQueue[_Inbox | None] = queue.SimpleQueue()
@@ -456,8 +456,8 @@ class Link:
         woken += [self._wake.get_nowait() for _ in range(self._wake.qsize())]
         arrived = [each for inbox in woken if inbox is not None for each in inbox.take()]
         # In the order of arrival, whatever the topic: a core gets what a recorder recorded.
-        arrived.sort()
-        for _, origin, item, _ in arrived:
+        arrived.sort(key=itemgetter(0))
+        for self.arrived_ns, origin, item, _ in arrived:
             origin.deliver(item)
         return True
 

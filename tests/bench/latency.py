@@ -4,32 +4,25 @@ Time runs from the end of the detection window: the end of the transaction with 
 could first be told, which is the evidence of its report. What a diagnosis has to wait for (more
 losses, a ping of its own) is before that, and so is the time for which the gateway listens in vain;
 from there on everything counts: publishing, each hop between processes, diagnosis, merging, saving
-the state, until a program that reads ``health`` has the bytes of the message that first tells the
-fault, in Zenoh's own callback, as in the peer. An unplugged adapter has no deciding transaction:
-there it runs from the moment at which the virtual bus pulled it.
+the state, until a program that reads ``health`` has the message that first tells the fault, in
+Zenoh's callback as in the peer. An unplugged adapter has no deciding transaction: there it runs
+from the moment at which the virtual bus pulled it.
 """
 
 import tempfile
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median, quantiles
 
-import zenoh
 from rich.table import Table
-from zenoh.handlers import Callback
 
 from tests.bench.hops import relays
 from tests.bench.progress import steps
 from tests.bench.result import Figure, table
 from tests.bench.robot import BEYOND_WHEELS, config
 from tests.robot import Robot, fault, running, write
-from wackel_node.clock import Clock
-from wackel_node.config import RobotConfig
-from wackel_node.link import session
-from wackel_schemas import component, keys, wire
-from wackel_schemas.health import FaultRecord, Health
+from wackel_schemas import component
+from wackel_schemas.health import FaultRecord
 
 
 @dataclass
@@ -66,13 +59,12 @@ def run(*, quick: bool = False) -> Table:
         with (
             running(robot_config, directory) as robot,
             relays(robot_config, path, robot.link.session) as chain,
-            _listening(robot_config) as arrived,
         ):
             robot.wait(robot.ready)
             for number in steps(range(rounds), "latency"):
                 for kind in kinds:
                     servo = _servo(number) if kind.at_servo else None
-                    kind.took_ms.append(_took_ms(robot, arrived, kind, servo))
+                    kind.took_ms.append(_took_ms(robot, kind, servo))
                     bare_ms.append(chain.took_ms())
     figures = [
         Figure(f"{kind.code}: {what}", value, "ms")
@@ -96,42 +88,23 @@ def _servo(number: int) -> int:
     return BEYOND_WHEELS[number % len(BEYOND_WHEELS)]
 
 
-@contextmanager
-def _listening(config: RobotConfig) -> Iterator[list[tuple[int, bytes]]]:
-    """A program that reads health: when each message came, UTC ns, and its bytes."""
-    arrived: list[tuple[int, bytes]] = []
-    clock = Clock()
-
-    def on_sample(sample: zenoh.Sample) -> None:
-        arrived.append((clock.now_ns(), sample.payload.to_bytes()))
-
-    with closing(session(config, "client")) as reader:
-        subscriber = reader.declare_subscriber(
-            f"{keys.ROOT}/{config.robot}/{keys.HEALTH.key()}", Callback(on_sample, indirect=False)
-        )
-        yield arrived
-        subscriber.undeclare()
-
-
-def _took_ms(
-    robot: Robot, arrived: list[tuple[int, bytes]], kind: _Kind, servo: int | None
-) -> float:
+def _took_ms(robot: Robot, kind: _Kind, servo: int | None) -> float:
     """Injects a fault, measures, heals it and waits until all is well."""
     if kind.kind == "unplugged":
         place = component.adapter("main")
     else:
         place = component.bus("main") if servo is None else component.servo("main", servo)
-    arrived.clear()
+    known = len(robot.heard)
     begin_ns = robot.inject(kind.kind, servo)
     found: list[tuple[int, FaultRecord]] = []
 
     def told() -> bool:
-        while arrived and not found:
-            at_ns, payload = arrived.pop(0)
-            record = fault(wire.decode(payload, Health), kind.code, place)
+        for at_ns, health in robot.heard[known:]:
+            record = fault(health, kind.code, place)
             if record is not None and record.status in ("pending", "confirmed"):
                 found.append((at_ns, record))
-        return bool(found)
+                return True
+        return False
 
     robot.wait(told)
     at_ns, record = found[0]
