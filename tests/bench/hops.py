@@ -1,8 +1,8 @@
 """What Zenoh alone takes for the way of a fault: the peer of its latency.
 
-A chain of processes like the robot's, gateway to classifier to aggregator, and from there through
-the rendezvous to a program: the same sessions and as many hops, but each process only passes bytes
-on, in Zenoh's own callback. What a latency is longer than this is wackel's.
+A chain of processes like the robot's, gateway to classifier to aggregator and from there to a
+program: the same sessions and as many hops, but each process only passes bytes on, in Zenoh's own
+callback. What a latency is longer than this is wackel's.
 """
 
 import sys

@@ -4,12 +4,14 @@ Time runs from the end of the detection window: the end of the transaction with 
 could first be told, which is the evidence of its report. What a diagnosis has to wait for (more
 losses, a ping of its own) is before that, and so is the time for which the gateway listens in vain;
 from there on everything counts: publishing, each hop between processes, diagnosis, merging, saving
-the state, until a program that reads ``health`` has the message that first tells the fault, in
-Zenoh's callback as in the peer. An unplugged adapter has no deciding transaction: there it runs
-from the moment at which the virtual bus pulled it.
+the state, until a program on the robot that reads ``health`` has the message that first tells the
+fault, in Zenoh's callback. That program is linked as the services are, directly, and so is the end
+of the chain beside it. An unplugged adapter has no deciding transaction: there it runs from the
+moment at which the virtual bus pulled it.
 """
 
 import tempfile
+from collections import deque
 from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median, quantiles
@@ -20,9 +22,10 @@ from tests.bench.hops import relays
 from tests.bench.progress import steps
 from tests.bench.result import Figure, table
 from tests.bench.robot import BEYOND_WHEELS, config
-from tests.robot import Robot, fault, running, write
-from wackel_schemas import component
-from wackel_schemas.health import FaultRecord
+from tests.robot import Heard, Robot, fault, running, write
+from wackel_node.link import Link
+from wackel_schemas import component, keys
+from wackel_schemas.health import FaultRecord, Health
 
 
 @dataclass
@@ -58,13 +61,15 @@ def run(*, quick: bool = False) -> Table:
         path = write(robot_config, directory, "hops")
         with (
             running(robot_config, directory) as robot,
-            relays(robot_config, path, robot.link.session) as chain,
+            Link(robot_config, "peer") as link,
+            relays(robot_config, path, link.session) as chain,
         ):
-            robot.wait(robot.ready)
+            reader = _Reader(link)
+            robot.wait(lambda: robot.ready() and reader.heard() is not None)
             for number in steps(range(rounds), "latency"):
                 for kind in kinds:
                     servo = _servo(number) if kind.at_servo else None
-                    kind.took_ms.append(_took_ms(robot, kind, servo))
+                    kind.took_ms.append(_took_ms(robot, reader, kind, servo))
                     bare_ms.append(chain.took_ms())
     figures = [
         Figure(f"{kind.code}: {what}", value, "ms")
@@ -88,21 +93,39 @@ def _servo(number: int) -> int:
     return BEYOND_WHEELS[number % len(BEYOND_WHEELS)]
 
 
-def _took_ms(robot: Robot, kind: _Kind, servo: int | None) -> float:
+class _Reader:
+    """A program that reads health."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._heard: deque[Heard] = deque()
+        link.subscribe(keys.HEALTH, self._take)
+
+    def _take(self, _: str, health: Health) -> None:
+        self._heard.append(Heard(self._link.clock.stamp_ns(self._link.arrived_ns), health))
+
+    def heard(self) -> Heard | None:
+        """The next message, if there is one."""
+        self._link.pump()
+        return self._heard.popleft() if self._heard else None
+
+
+def _took_ms(robot: Robot, reader: _Reader, kind: _Kind, servo: int | None) -> float:
     """Injects a fault, measures, heals it and waits until all is well."""
     if kind.kind == "unplugged":
         place = component.adapter("main")
     else:
         place = component.bus("main") if servo is None else component.servo("main", servo)
-    known = len(robot.heard)
+    while reader.heard() is not None:
+        pass  # told before
     begin_ns = robot.inject(kind.kind, servo)
     found: list[tuple[int, FaultRecord]] = []
 
     def told() -> bool:
-        for at_ns, health in robot.heard[known:]:
-            record = fault(health, kind.code, place)
+        while (heard := reader.heard()) is not None:
+            record = fault(heard.health, kind.code, place)
             if record is not None and record.status in ("pending", "confirmed"):
-                found.append((at_ns, record))
+                found.append((heard.at_ns, record))
                 return True
         return False
 
