@@ -20,6 +20,7 @@ from tests.bench.robot import config
 from tests.robot import Robot, running
 from wackel_cli.diagnosis import Diagnosis
 from wackel_node.config import RecorderConfig, RobotConfig
+from wackel_node.garbage import collect_rarely
 from wackel_recording.reader import open_recordings
 
 _FAULTS = (("overload", 9), ("silent", 11), ("loose_contact", 15), ("rhythmic_jammer", None))
@@ -38,6 +39,7 @@ def run(*, quick: bool = False) -> Table:
         with running(robot_config, directory) as robot:
             robot.wait(robot.ready)
             _live(robot, seconds)
+        collect_rarely()  # as the command does
         files = sorted(recordings.iterdir())
         diagnosis, cores_s = _diagnose(files, robot_config)
         without_drive = msgspec.structs.replace(robot_config, drive=None)
