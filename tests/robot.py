@@ -142,10 +142,16 @@ class Robot:
         self._ask("heal", Injection(kind=""))
 
     def reboot(self, servo: int) -> None:
-        """Restarts a servo through the gateway; only that ends a hardware error."""
+        """Restarts a servo through the gateway; only that ends a hardware error.
+
+        A busy computer may lose an answer, so it is asked again.
+        """
         request = BusRequest(operation="reboot", id=servo)
-        reply = self.link.ask(keys.BUS_REQUEST, request, timeout_s=5.0, bus="main")
-        assert reply.ok, reply.text
+
+        def done() -> bool:
+            return self.link.ask(keys.BUS_REQUEST, request, timeout_s=5.0, bus="main").ok
+
+        wait_until(done, _START_S)
 
     def _ask(self, operation: Literal["inject", "heal"], injection: Injection) -> VirtualReply:
         request = VirtualRequest(operation=operation, injection=injection)
