@@ -51,6 +51,7 @@ class Sequential:
         verdict: Number of the explanation that is taken to be true.
         sums: The cumulative sums, shape (K,).
         memory: Fading log-likelihoods, shape (K,), up to a constant.
+        alarm_s: For how long there has been an alarm.
     """
 
     def __init__(self, prior: Floats, same: list[int], limit: float) -> None:
@@ -59,7 +60,7 @@ class Sequential:
         self._members = [np.flatnonzero(self._same == i) for i in range(max(same) + 1)]
         self._limit = limit
         self._highest = 0.0
-        self._alarm_s = 0.0
+        self.alarm_s = 0.0
         self.verdict = 0
         self.sums = np.zeros(len(prior))
         self.memory = np.zeros(len(prior))
@@ -83,7 +84,7 @@ class Sequential:
         memory += told
         np.maximum(memory, _greatest(memory) - DEEPEST, out=memory)
         self._highest = _greatest(sums)
-        self._alarm_s = self._alarm_s + seconds if self._highest > self._limit else 0.0
+        self.alarm_s = self.alarm_s + seconds if self._highest > self._limit else 0.0
 
     def posterior(self) -> Floats:
         """Probabilities of the hypotheses, as the last fractions of a second tell, shape (K,)."""
@@ -94,7 +95,7 @@ class Sequential:
 
     def proposal(self) -> int | None:
         """Another explanation that should be the verdict, if there is an alarm and one is clear."""
-        if not self._alarm_s:
+        if not self.alarm_s:
             return None
         logarithm = self.memory + self._prior
         best = int(logarithm.argmax())
@@ -102,7 +103,7 @@ class Sequential:
         if explanation == self.verdict or self.sums[best] < self._limit / 2:
             return None
         others = logarithm[self._same != explanation]
-        if logarithm[best] - others.max() < LEAD and self._alarm_s < PATIENCE_S:
+        if logarithm[best] - others.max() < LEAD and self.alarm_s < PATIENCE_S:
             return None
         return explanation
 
@@ -110,13 +111,13 @@ class Sequential:
         """Takes an explanation to be true from now on."""
         self.verdict = explanation
         self.sums[:] = 0.0
-        self._highest = self._alarm_s = 0.0
+        self._highest = self.alarm_s = 0.0
 
     def forget(self) -> None:
         """Time was started anew; the verdict stays."""
         self.sums[:] = 0.0
         self.memory[:] = 0.0
-        self._highest = self._alarm_s = 0.0
+        self._highest = self.alarm_s = 0.0
 
 
 def _greatest(values: Floats) -> float:

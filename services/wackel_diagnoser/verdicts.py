@@ -2,7 +2,9 @@
 
 Residuals propose (:mod:`wackel_diagnoser.sequential`), and where they see nothing, a change of what
 is constant (:mod:`wackel_diagnoser.small_faults`). A proposal that only clears a part that was
-named must wait until that part has shown itself sound.
+named must wait until that part has shown itself sound. Wheels that stand though they are told to
+roll (:mod:`wackel_diagnoser.standing`) are faulty whatever residuals say, which then speak of how
+the others are dragged.
 """
 
 from collections import deque
@@ -19,9 +21,11 @@ from wackel_diagnoser.references import ReferenceErrors
 from wackel_diagnoser.rows import MOVING_M_S, Measured, Rows
 from wackel_diagnoser.sequential import Sequential
 from wackel_diagnoser.small_faults import SmallFaults
+from wackel_diagnoser.standing import Standing
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
 from wackel_kinematics.array import Floats
+from wackel_schemas import component
 
 SOUND_S = 1.0
 """For how long a part must have shown itself sound before it is healed."""
@@ -32,6 +36,9 @@ CONTRARY = 0.5
 TRAVELLED_RAD = 0.1
 """How far a steering must have been told to turn meanwhile, or have turned since the verdict: one
 that is blocked looks sound until then."""
+DRAGGED_S = 1.0
+"""How long an alarm must last to name a second wheel that rolls as it is told: what a faulty one
+makes the others slip changes with the motion, within a second."""
 ALARM_STEPS = 4
 """How long an alarm takes at least."""
 FORCED_STEPS = 5
@@ -75,11 +82,14 @@ class Verdicts:
         self._references = references
         self._history = history
         self._rolls = layout.drive.roll_wheels.tolist()
+        self._drives = [component.wheel_drive(layout.names[i]) for i in self._rolls]
         self._motion = ForcedMotion(layout) if can_force(layout.drive) else None
         self.since = 0
         self.kind: Class = ""
         self.test: KindTest | None = None
         self.steers_wrong = False
+        self._standing = Standing(len(self._rolls))
+        self._numbers = {frozenset(names): i for i, names in enumerate(hypotheses.explanations)}
         self._is_small = False
         self._sound_s = self._travelled = 0.0
         self._heading_then = np.zeros(len(layout.names))  # when the verdict was passed
@@ -119,6 +129,7 @@ class Verdicts:
         sequential = self._sequential
         if sequential.verdict:
             self._watch_soundness(step, target, likelihood)
+            self._watch_standing(step, target, evidence[0])
         changed = self._follow(step)
         self._recent.append((*evidence, step.seconds))
         test = self.test
@@ -146,11 +157,19 @@ class Verdicts:
         verdict, small = sequential.verdict, self._small.found
         proposal = sequential.proposal()
         is_small = False
+        now = set(explanations[verdict])
+        stand = {self._drives[roll] for roll in self._standing.rows()} if verdict else set()
+        if stand - now:
+            others = {path for path in now if not self._follows(path)}
+            standing = self._numbers.get(frozenset(stand | others))
+            proposal = proposal if standing is None else standing
         if proposal is None:
             if verdict or small is None:
                 return False
             proposal, is_small = explanations.index((small.component,)), True
-        names, now = set(explanations[proposal]), set(explanations[verdict])
+        names = set(explanations[proposal])
+        if (stand & now) - names or (names > now and self._are_dragged(names - now)):
+            return False
         if names < now and not (
             self._sound_s >= SOUND_S  # the least; how much it is takes long to say
             and self._sound_s >= self._sound_needed_s()
@@ -166,6 +185,8 @@ class Verdicts:
 
     def _take(self, components: Sequence[str], step: Step) -> None:
         """A new verdict."""
+        if not components:
+            self._standing.begin()
         self.since = step.begin
         self._heading_then = step.heading
         self._sound_s = self._travelled = 0.0
@@ -184,6 +205,30 @@ class Verdicts:
         spoilt = self._hypotheses.own_rows(components[0])
         self.test = KindTest(spoilt, self._rows.gyros, own, len(self._rolls))
         self.kind = "sensor"
+
+    def _are_dragged(self, added: set[str]) -> bool:
+        """Whether parts that a proposal adds do what they are told: the named one makes them slip.
+
+        While a wheel stands, it does so all the time; otherwise for a while.
+        """
+        lasts = self._sequential.alarm_s >= DRAGGED_S and not self._standing.rows()
+        if self.kind == "sensor" or lasts:
+            return False
+        return all(self._follows(path) for path in added)
+
+    def _follows(self, path: str) -> bool:
+        """Whether a part is a drive that rolls as it is told."""
+        return path in self._drives and self._standing.follows(self._drives.index(path))
+
+    def _watch_standing(self, step: Step, target: Target, measured: Measured) -> None:
+        """Which wheels do what they are told."""
+        rolls = self._rows.rolls
+        self._standing.step(
+            target.speed.tolist(),
+            measured.z[rolls].tolist(),
+            step.seconds,
+            measured.present[rolls].tolist(),
+        )
 
     def _sound_needed_s(self) -> float:
         """For how long what is faulty must look sound to be so."""

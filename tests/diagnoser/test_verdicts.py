@@ -92,6 +92,17 @@ def test_two_blocked_wheels_are_both_named(warm: Rig) -> None:
     assert {path for _, path in rig.active()} == {"wheel/w0/drive", "wheel/w1/drive"}
 
 
+def test_wheels_that_stand_stay_named_while_they_hold_the_robot() -> None:
+    """The third then slips as hard as it can, which once looked like a fault of its own."""
+    rig = Rig.of("tune/dragged/2", 3)
+    rig.drive(SHORT_WARM_UP_S)
+    rig.inject("wheel_blocked", "w0")
+    rig.inject("wheel_blocked", "w1")
+    rig.drive(4.0)
+    named = {report.component for report in rig.reports if report.status == "active"}
+    assert named == {"wheel/w0/drive", "wheel/w1/drive"}
+
+
 def test_a_differential_drive_names_its_side_and_no_more() -> None:
     rig = Rig.of(SEED, differential_drive())
     rig.drive(SHORT_WARM_UP_S)

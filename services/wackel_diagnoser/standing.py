@@ -1,0 +1,67 @@
+"""Which wheels stand though they are told to roll, and which roll as they are told."""
+
+import math
+from collections.abc import Iterable
+
+from wackel_diagnoser.history import DRIVING_M_S, STANDING
+
+STANDS_S = 0.5
+"""For how long a wheel must have stood to be faulty whatever else moves: motors need a tenth of
+that to follow."""
+FOLLOWS = 0.25
+"""Share of its speed by which a wheel that does what it is told may be off on average: a motor that
+pulls against a blocked wheel as hard as the tyre grips loses so much at half speed."""
+FOLLOWING_S = 0.5
+
+
+class Standing:
+    """Follows each driven wheel while something is suspected.
+
+    Args:
+        rolls: How many roll rows there are.
+    """
+
+    def __init__(self, rolls: int) -> None:
+        self._stood_s = [0.0] * rolls
+        self._off = [0.0] * rolls
+        self._told = [0.0] * rolls
+
+    def begin(self) -> None:
+        """Nothing is known."""
+        for values in (self._stood_s, self._off, self._told):
+            values[:] = [0.0] * len(values)
+
+    def step(
+        self,
+        told: Iterable[float],
+        rolled: Iterable[float],
+        seconds: float,
+        present: Iterable[bool],
+    ) -> None:
+        """Takes in a step of all of them.
+
+        Args:
+            told: What each wheel should do, m/s; NaN if that is not known.
+            rolled: What it does, m/s.
+            seconds: For how long.
+            present: Whether its sensor was heard.
+        """
+        fade = math.exp(-seconds / FOLLOWING_S)
+        for roll, (should, does, known) in enumerate(zip(told, rolled, present, strict=True)):
+            if known and abs(should) > DRIVING_M_S:
+                stands = abs(does) < STANDING * abs(should)
+                self._stood_s[roll] = self._stood_s[roll] + seconds if stands else 0.0
+                self._off[roll] = fade * self._off[roll] + abs(does - should)
+                self._told[roll] = fade * self._told[roll] + abs(should)
+
+    def rows(self) -> list[int]:
+        """Those that stand while others roll; if none of them rolls, it is no fault of a wheel."""
+        stand = [roll for roll, seconds in enumerate(self._stood_s) if seconds >= STANDS_S]
+        moves = any(
+            off < (1.0 - STANDING) * told for off, told in zip(self._off, self._told, strict=True)
+        )
+        return stand if moves else []
+
+    def follows(self, roll: int) -> bool:
+        """Whether a wheel rolls as it is told."""
+        return self._off[roll] < FOLLOWS * self._told[roll]
