@@ -273,7 +273,7 @@ class Rows:
         if target.known:
             mean += self._hastened(speeds, target.twist, speed, dt)
         gaps = target.heading_gap.tolist()
-        values = np.array(
+        values = np.fromiter(
             [
                 *z,
                 # How much is shown.
@@ -287,7 +287,8 @@ class Rows:
                 ),
                 # What belongs to another time.
                 *(*lagging, *self._no_rolls, *self._no_gyros, *lag, *self._no_rolls),
-            ]
+            ],
+            np.float64,
         )
         # While wheels turn, their references contradict each other: they really slip.
         droop = DROOP_M_S * mean / (mean + GRIP_M_S)

@@ -157,13 +157,14 @@ class Rows:
             0.0 if wheel is None else speed * turned[wheel] * late
             for speed, wheel in zip(sliding, self._lagging, strict=True)
         ]
-        values = np.array(
+        values = np.fromiter(
             [
                 *(*self._no_slides, *rolled, *turning),
                 # What errors are shares of, and what comes of lags.
                 *(*sliding, *rolled, *turning),
                 *(*lag, *self._no_rolls, *self._no_gyros),
-            ]
+            ],
+            np.float64,
         )
         z = values[:count]
         square = values[count:] * values[count:]

@@ -1,0 +1,97 @@
+"""Rows of a step in which something is not known: nothing is said of it, and of the rest all."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.odometry.simulation import differential_drive, steered_drive
+from wackel_diagnoser.constants import Constants, Shown
+from wackel_diagnoser.reference import Reference
+from wackel_diagnoser.rows import Measured, Rows
+from wackel_drive.alignment import Step
+from wackel_drive.layout import Layout
+from wackel_node.config_drive import DriveConfig, GyroConfig
+from wackel_schemas.drive import TwistCommand
+
+GYROS = {"body": GyroConfig()}
+STEP_NS = 10_000_000
+
+
+class Moving:
+    """Wheels that roll forward, each at 10 rad/s."""
+
+    def __init__(self, config: DriveConfig) -> None:
+        self.layout = Layout(config)
+        self.rows = Rows(self.layout, config, GYROS)
+        self.reference = Reference(self.layout, config)
+        self._end = STEP_NS
+
+    def command(self) -> None:
+        """That they shall."""
+        self.reference.command(TwistCommand(stamp=self._end, vx=0.5, vy=0.0, omega=0.0))
+
+    def shown(self, *, lost: int | None = None) -> Shown:
+        """The next step; ``lost``: the wheel that has not been heard of."""
+        drive = self.layout.drive
+        heading = np.where(drive.steers, 0.0, np.nan)
+        steered = np.where(drive.steers, 0.0, np.nan)
+        rate = np.full(drive.n, 10.0)
+        if lost is not None:
+            heading[lost] = steered[lost] = rate[lost] = np.nan
+        begin, self._end = self._end, self._end + STEP_NS
+        step = Step(begin, self._end, heading, steered, rate, np.array([0.01]))
+        target = self.reference.step(step, 0.0)
+        measured = self.rows.measure(step, target, np.zeros(1))
+        return Shown(step, target, measured, np.zeros(1), [math.nan] * len(drive.roll_wheels))
+
+
+def sound(measured: Measured) -> bool:
+    """Whether all of it are numbers, and what is missing says nothing."""
+    missing = ~measured.present
+    each = (measured.z, measured.h, measured.base, measured.fixed, measured.loose, measured.size)
+    return (
+        all(bool(np.isfinite(values).all()) for values in each)
+        and not measured.z[missing].any()
+        and not measured.h[missing].any()
+        and not measured.size[missing].any()
+    )
+
+
+def missing(rows: Rows, measured: Measured) -> set[str]:
+    return {name for name, there in zip(rows.names, measured.present, strict=True) if not there}
+
+
+@pytest.mark.parametrize("config", [steered_drive(4), differential_drive()])
+def test_without_a_command_only_references_are_missing(config: DriveConfig) -> None:
+    moving = Moving(config)
+    measured = moving.shown().measured
+    assert sound(measured)
+    assert measured.speed == pytest.approx(10.0 * config.wheels[0].radius)
+    kinds = {name.rsplit("/", 1)[-1] for name in missing(moving.rows, measured)}
+    assert kinds <= {"steering", "rolling"}
+    assert "rolling" in kinds
+    moving.command()
+    assert moving.shown().measured.present.all()
+
+
+def test_a_servo_that_is_not_heard_takes_its_own_rows_with_it() -> None:
+    moving = Moving(steered_drive(4))
+    moving.command()
+    moving.shown()
+    measured = moving.shown(lost=2).measured
+    assert sound(measured)
+    kinds = ("slide", "roll", "steering", "rolling")
+    assert missing(moving.rows, measured) == {f"wheel/w2/{kind}" for kind in kinds}
+
+
+@pytest.mark.parametrize("lost", [None, 1])
+def test_constants_are_not_learnt_from_what_is_missing(lost: int | None) -> None:
+    config = steered_drive(4)
+    moving = Moving(config)
+    constants = Constants(moving.layout, config, moving.rows, GYROS)
+    block = [moving.shown(lost=lost) for _ in range(10)]
+    information, right = constants.equations(block)
+    assert np.isfinite(information).all()
+    assert np.isfinite(right).all()
+    assert not information[constants.off.start : constants.off.stop].any()
