@@ -14,6 +14,7 @@ Sample = tuple[int, float | None, float | None]
 """Stamp, angle, rate."""
 
 TURN = 2 * math.pi
+_HALF = math.pi
 LONGEST_GAP_NS = 250_000_000
 """Between samples further apart nothing is known: a wheel may have been reversed meanwhile."""
 MOST = 1024
@@ -84,20 +85,17 @@ class Track:
             ``None`` where samples do not cover it, and for the angle where only rates are known.
         """
         samples = self._samples
-        if samples and samples[0][0] == begin:
+        if len(samples) > 1 and samples[0][0] == begin:
             # Usual: the servo whose samples make the steps, and all that are read with it.
-            before, total = samples[0], 0.0
-            for at in range(1, len(samples)):
-                after = samples[at]
-                part = _between(before, after) if after[0] <= end else None
-                if part is None:
-                    break
-                total += part
-                if after[0] == end:
-                    angle = samples[0][1]
-                    del samples[:at]
-                    return angle, total
-                before = after
+            if samples[1][0] == end:
+                before = samples.pop(0)
+                return before[1], _between(before, samples[0])
+            if len(samples) > 2 and samples[2][0] == end:
+                before, middle, after = samples[:3]
+                one, other = _between(before, middle), _between(middle, after)
+                if one is not None and other is not None:
+                    del samples[:2]
+                    return before[1], one + other
         at = self._at_or_before(begin)
         if at < 0 or samples[-1][0] < end:
             self.forget(end)
@@ -149,4 +147,4 @@ def _between(before: Sample, after: Sample) -> float | None:
         return told
     change = next_angle - angle
     off = change if told is None else change - told
-    return change if -TURN / 2 < off < TURN / 2 else change - TURN * round(off / TURN)
+    return change if -_HALF < off < _HALF else change - TURN * round(off / TURN)
