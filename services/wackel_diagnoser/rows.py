@@ -312,7 +312,7 @@ class Rows:
         squares *= squares
         base = squares * self._follows
         base += causes[:count]
-        loose = np.abs(values[2 * count : 3 * count])
+        loose = values[2 * count : 3 * count]
         loose *= self._late
         loose += causes[2 * count :]
         loose += values[3 * count :]
@@ -342,6 +342,7 @@ class Rows:
         inverse = self._inverse
         if inverse is None:
             inverse = np.asarray(np.linalg.inv(rows.T @ rows + REGULAR))
-        slip = rows.dot(inverse.dot(speeds.dot(rows[self.rolls])))
-        slip[self.rolls] -= speeds
-        return slip.tolist(), math.sqrt(float(slip.dot(slip)) / len(slip))
+        slip: list[float] = rows.dot(inverse.dot(speeds.dot(rows[self.rolls]))).tolist()
+        for row, speed in enumerate(speeds.tolist(), start=self.rolls.start):
+            slip[row] -= speed
+        return [*map(abs, slip)], math.sqrt(sum([each * each for each in slip]) / len(slip))
