@@ -61,8 +61,8 @@ FIRST_S = 5.0
 """Of driving, in which only is learnt how much the motion misses what is predicted."""
 MEMORY_S = 20.0
 """Of driving: calibration that fits an error a little shall not convict in an hour."""
-ONE_MOTION = 0.5
-"""Of the limit, that a motion in one direction may bring."""
+ONE_MOTION = 0.75
+"""Of the limit, that motion in one direction may bring: another has to confirm it."""
 DIRECTIONS = np.array([each for each in product((-1, 0, 1), repeat=3) if each > (0, 0, 0)])
 """Along, to the left, about, and between: half of them, since back is the same as forth."""
 MARGIN = 1.7
