@@ -469,8 +469,11 @@ def _cost(quick: bool) -> list[Table]:
     actions: list[Callable[[], object]] = [
         _cycle(config, rounds * calls) for config in drives.values()
     ]
+    alone = _cycle(drives["4 steered wheels"], rounds * calls, shown=False)
     collect_rarely()  # as the service does
-    *figures, bare = side_by_side(*actions, _bare(4), rounds=rounds, calls=calls, cpu=True)
+    *figures, unseen, bare = side_by_side(
+        *actions, alone, _bare(4), rounds=rounds, calls=calls, cpu=True
+    )
     by_name = dict(zip(drives, figures, strict=True))
     peer = ("least squares and all candidates, 4 wheels", bare)
     return [
@@ -483,6 +486,7 @@ def _cost(quick: bool) -> list[Table]:
             + [
                 Figure("4 steered wheels, budget", by_name["4 steered wheels"], "µs", None, 150.0),
                 Figure("8 steered wheels, budget", by_name["8 steered wheels"], "µs", None, 400.0),
+                Figure("4 steered wheels, nobody looks at residuals", unseen, "µs"),
                 Figure(
                     "8 wheels by 4",
                     by_name["8 steered wheels"] / by_name["4 steered wheels"],
@@ -493,14 +497,19 @@ def _cost(quick: bool) -> list[Table]:
     ]
 
 
-def _cycle(config: DriveConfig, count: int) -> Callable[[], object]:
+def _cycle(config: DriveConfig, count: int, *, shown: bool = True) -> Callable[[], object]:
     """The next of so many cycles of a robot that drives, from messages that lie ready.
 
     They are not used twice: where the robot would jump back, there would be something to diagnose.
+
+    Args:
+        config: Of the robot.
+        count: How many.
+        shown: Whether somebody looks at residuals.
     """
     rig = Rig.of("cost", config)
     cycles = iter([rig.simulation.step(*twist) for twist in rig.path[:count].tolist()])
-    diagnoser = Diagnoser(config, {"body": GyroConfig()})
+    diagnoser = Diagnoser(config, {"body": GyroConfig()}, lambda: shown)
 
     def cycle() -> None:
         each = next(cycles)
