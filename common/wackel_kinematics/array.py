@@ -9,17 +9,17 @@ Floats: TypeAlias = NDArray[np.float64]
 Bools: TypeAlias = NDArray[np.bool_]
 Ints: TypeAlias = NDArray[np.intp]
 
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+"""Of each axis, the next and the last in turn."""
+
 
 def cross(a: Floats, b: Floats) -> Floats:
     """Cross product over the last axis (length 3); several times faster than ``numpy.cross``."""
-    a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
-    b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
-    first = a1 * b2 - a2 * b1
-    out = np.empty((*first.shape, 3))
-    out[..., 0] = first
-    np.subtract(a2 * b0, a0 * b2, out=out[..., 1])
-    np.subtract(a0 * b1, a1 * b0, out=out[..., 2])
-    return out
+    forth, back = a.take(_NEXT, axis=-1), a.take(_LAST, axis=-1)
+    forth *= b.take(_LAST, axis=-1)
+    back *= b.take(_NEXT, axis=-1)
+    forth -= back
+    return forth
 
 
 def dot(a: Floats, b: Floats) -> Floats:
