@@ -19,6 +19,7 @@ BENCHES = {
     "replay": "replay of a recording, against real time",
     "odometry": "cost, drift and consistency of the pose, recorded robots",
     "diagnoser": "cost of the drive diagnosis, and how well drive faults are named; long",
+    "driving": "false alarms and faults of the drive by kind of driving; long",
     "drive_live": "from a physical event in the drive to health, and its replay",
     "start": "start and stop of every service",
     "crash": "kill -9 of every service during a fault",

@@ -48,6 +48,9 @@ SETTLE_S = 2.5
 SMALL_S = 15.0
 """For how long the smallest faults that count are watched."""
 
+COMPLAINTS = ("command_infeasible", "command_singular")
+"""Of the command, which is as it is: no faults of the robot."""
+
 Physics = Literal["fast", "mujoco"]
 
 
@@ -239,6 +242,7 @@ class Outcome:
         first_s: Time to the first report; ``None``: there was none.
         first: It named a faulty component.
         named: As above.
+        wrong: Another part was named at the end.
         code: As above.
         by_paper, by_paper_kind: What the paper's steps named.
     """
@@ -247,6 +251,7 @@ class Outcome:
     first_s: float | None
     first: bool
     named: bool
+    wrong: bool
     code: bool
     by_paper: bool
     by_paper_kind: bool
@@ -277,12 +282,13 @@ def robot(job: tuple[int, Physics, str]) -> Robot:
     for _ in range(round(WARM_UP_S * 10)):
         rig.drive(0.1)
         paper += bool(_paper(rig.residuals)[0])
-    outcomes = [_befall(rig.copy(), number, seed) for number in range(len(KINDS))]
+    outcomes = [befall(rig.copy(), number, seed) for number in range(len(KINDS))]
     alarms = [report.code for report in rig.reports if report.status == "active"]
     return Robot(outcomes, WARM_UP_S, alarms, 0.1 * paper)
 
 
-def _befall(rig: Rig, number: int, seed: str) -> Outcome:
+def befall(rig: Rig, number: int, seed: str) -> Outcome:
+    """A kind of fault befalls a robot."""
     kind = KINDS[number]
     random = Random(f"{seed}/{kind.name}")
     rig.drive(random.uniform(0.0, 2.0))
@@ -307,8 +313,12 @@ def _befall(rig: Rig, number: int, seed: str) -> Outcome:
     for _ in range(round(kind.lasts_s * 10)):
         rig.drive(0.1)
         votes[_paper(rig.residuals)] += 1
-    started = [report for report in rig.reports if report.status == "active"]
-    final = rig.active()
+    started = [
+        report
+        for report in rig.reports
+        if report.status == "active" and report.code not in COMPLAINTS
+    ]
+    final = [(code, path) for code, path in rig.active() if code not in COMPLAINTS]
     if kind.named == 0.0:  # what passes by itself counts if it was named at all
         final = [(report.code, report.component) for report in started]
     named = {path for _, path in final} == true
@@ -319,6 +329,7 @@ def _befall(rig: Rig, number: int, seed: str) -> Outcome:
         (started[0].stamp - begin) / 1e9 if started else None,
         bool(started) and started[0].component in true,
         named,
+        bool({path for _, path in final} - true),
         named and all(code in kind.codes for code, _ in final),
         set(by_paper) == true,
         set(by_paper) == true and fault == kind.fault,
