@@ -341,6 +341,13 @@ FAULT_CODES: dict[str, FaultCode] = {
         heal_s=5.0,
         window_s=60.0,
     ),
+    "steering_deviates": FaultCode(
+        "{component} shows a little else than it is told: it stands off, or its sensor is.",
+        "See by eye whether the wheel stands where it is told to; a motion does not tell half a "
+        "degree of one from the other.",
+        "fault",
+        _WHEELS,
+    ),
     "steering_sensor": FaultCode(
         "The angle that {component} shows is wrong; the wheel itself stands as it should.",
         "Restart the servo; if it comes back, exchange it: its encoder is faulty.",

@@ -139,6 +139,9 @@ class Findings:
                 stands = "it stands though it is told to turn"
                 return self._finding("steering_blocked", path, stands)
             off = math.degrees(history.off(wheel, since))
+            if not self._verdicts.kind:
+                shows = f"it shows {off:+.1f}°; whether it stands so, this motion does not tell"
+                return self._finding("steering_deviates", path, shows)
             return self._finding("steering_offset", path, f"it stands {off:+.1f}° off")
         share = history.standing_share(self._rows.roll_of(wheel), since)
         if share is not None and share >= BLOCKED:

@@ -59,7 +59,7 @@ class Verdicts:
 
     Attributes:
         since: Stamp of the first evidence for the verdict.
-        kind: Sensor or actuator, as far as it can be told.
+        kind: Sensor or actuator; empty where it cannot be told.
         test: What tells it; ``None`` where it cannot be asked.
         steers_wrong: Whether a steering is named, which is then not where it is told to be.
     """
@@ -146,7 +146,7 @@ class Verdicts:
                     self._block.clear()
             kind, small = test.kind(), self._small.found
             if small is not None and self._is_small:
-                kind = small.kind or kind
+                kind = small.kind or (kind if test.clear else "")
             changed |= kind != self.kind
             self.kind = kind
         return changed

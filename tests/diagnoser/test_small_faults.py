@@ -162,3 +162,12 @@ def test_motor_and_sensor_are_told_apart(warm: Rig, kind: str, code: str) -> Non
     rig.inject(kind, "w1", 0.03)
     rig.drive(10.0)
     assert rig.active() == [(code, "wheel/w1/drive")]
+
+
+@pytest.mark.parametrize("kind", ["steering_offset", "steering_sensor_offset"])
+def test_of_a_steering_half_a_degree_off_no_kind_is_claimed(warm: Rig, kind: str) -> None:
+    rig = warm.copy()
+    rig.inject(kind, "w1", math.radians(0.5))
+    rig.drive(12.0)
+    assert rig.active() == [("steering_deviates", "wheel/w1/steering")]
+    assert {report.code for report in rig.reports} == {"steering_deviates"}
