@@ -196,7 +196,8 @@ class Diagnoser:
         shown = Shown(step, target, measured, self._bias.value, currents)
         self._small.step(shown, calm=calm)
         rows.lag_s = self._small.lag_s
-        rows.calibrate(self._small.calibration)
+        if learning:
+            rows.calibrate(self._small.calibration)
         evidence = measured, variance, efforts
         changed = self._verdicts.step(step, target, evidence, likelihood, currents)
         if self._steps_made % LEARN_EVERY == 0 and (rolling := self._efforts.rolling()) is not None:
