@@ -21,6 +21,7 @@ from wackel_schemas.keys import ALIVE, INPUTS, ROOT
 from wackel_schemas.message import Message
 
 _LINKING_S = 0.5  # links to all services are up in a tenth of this
+_LINKED_S = 0.1
 _MOST_REASON = 1000  # characters
 HEARTBEAT_S = 0.5  # a hung service shows after 2.5 of these, well within two seconds
 
@@ -39,6 +40,7 @@ class Node(Link):
         super().__init__(config, "peer")
         self.name = f"{service}/{instance}"
         self.stopping = False
+        self._opened_s = time.monotonic()
         self._state: State = "starting"
         self._heartbeats = self.publisher(ALIVE, service=service, instance=instance)
         self._token = self.session.liveliness().declare_token(
@@ -74,6 +76,16 @@ class Node(Link):
         super().__exit__(exc_type, exc, traceback)
         for number, handler in self._previous.items():
             signal.signal(number, handler)
+
+    def await_links(self) -> None:
+        """To be called before the first message by a service from which others conclude.
+
+        Links to those that are there come up one after the other. What is said meanwhile reaches
+        some and not a recorder, and then nobody can conclude from its recording what they did.
+        """
+        limit = self._opened_s + _LINKED_S
+        while not self.stopping and (left_s := limit - time.monotonic()) > 0:
+            self.pump(left_s)
 
     def ready(self) -> None:
         """Tells everyone, and systemd, that the service does its work from now on."""

@@ -43,5 +43,6 @@ def run(config: RobotConfig, bus: str) -> None:
     with Node("gateway", bus, config) as node:
         reporter = Reporter(node, bus, bus_config, roster)
         owner = _MODES[bus_config.mode](node, bus, bus_config, reporter)
+        node.await_links()
         node.ready()
         owner.run()

@@ -33,6 +33,7 @@ def run(config: RobotConfig, name: str, sysfs: Path, nodes: Path) -> None:
                 faults.put(change)
 
         node.every(REPEAT_S, lambda: report(absence.again(node.clock.now_ns())))
+        node.await_links()
         node.ready()
         while not node.stopping:
             try:

@@ -77,6 +77,7 @@ def run(config: RobotConfig, drive: DriveConfig, path: Path, duration_s: float |
                         goal.torque_enabled = True
                 commands[bus].put(BusCommand(stamp=stamp, goals=each))
 
+        node.await_links()
         node.every(1.0 / RATE_HZ, command)
         node.ready()
         try:

@@ -46,6 +46,7 @@ def run(scenario: Scenario) -> None:
 
         buses = scenario.make()
         drive = scenario.make_drive(buses)
+        node.await_links()
         with _ports(scenario, buses, drive, on_sample) as ports:
 
             def on_request(request: VirtualRequest) -> VirtualReply:
