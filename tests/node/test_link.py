@@ -1,6 +1,7 @@
 """What reaches a handler, in which order, and what is refused."""
 
 from collections.abc import Iterator
+from contextlib import ExitStack
 
 import pytest
 import zenoh
@@ -8,6 +9,7 @@ from zenoh.handlers import Callback
 
 from tests.conftest import Rendezvous, wait_until
 from wackel_node.link import Link
+from wackel_node.node import Node
 from wackel_schemas import keys, wire
 from wackel_schemas.bus import BusCommand, BusState
 from wackel_schemas.drive import ImuSample
@@ -35,6 +37,30 @@ def put(link: Link, key: str, payload: bytes) -> None:
         payload,
         congestion_control=zenoh.CongestionControl.BLOCK,
     )
+
+
+def test_the_first_message_of_a_source_reaches_all_who_are_there(rendezvous: Rendezvous) -> None:
+    heard = [0, 0, 0]
+
+    def listen(number: int, link: Link) -> None:
+        def count(_key: str, _sample: ImuSample) -> None:
+            heard[number] += 1
+
+        link.subscribe(keys.IMU, count)
+
+    with ExitStack() as stack:
+        readers = [stack.enter_context(Link(rendezvous.config, "peer")) for _ in heard]
+        for number, link in enumerate(readers):
+            listen(number, link)
+        for start in range(1, 5):
+            with Node("imu", str(start), rendezvous.config) as node:
+                samples = node.publisher(keys.IMU, name="body")
+                node.await_links()
+                samples.put(ImuSample(stamp=start, angular_velocity=(0.0, 0.0, 0.0)))
+                wait_until(
+                    lambda now=start: heard == [now] * 3,  # type: ignore[misc]
+                    meanwhile=lambda: [link.pump(0.01) for link in readers],
+                )
 
 
 def test_messages_of_several_topics_are_handled_in_the_order_of_their_arrival(
