@@ -74,8 +74,9 @@ def test_messages_of_several_topics_are_handled_in_the_order_of_their_arrival(
 
     def linked() -> bool:
         put(sender, "bus/main/state", state)
+        put(sender, "imu/main", sample)
         reader.pump(0.05)
-        return bool(heard)
+        return {"bus/main/state", "imu/main"} <= set(heard)
 
     wait_until(linked)
     sent = [("bus/a/state", state), ("imu/b", sample), ("imu/b", sample), ("bus/a/state", state)]
