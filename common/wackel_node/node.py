@@ -21,7 +21,7 @@ from wackel_schemas.keys import ALIVE, INPUTS, ROOT
 from wackel_schemas.message import Message
 
 _LINKING_S = 0.5  # links to all services are up in a tenth of this
-_LINKED_S = 0.1
+_LINKED_S = 0.1  # twice as long as that takes
 _MOST_REASON = 1000  # characters
 HEARTBEAT_S = 0.5  # a hung service shows after 2.5 of these, well within two seconds
 

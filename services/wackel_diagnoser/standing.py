@@ -12,6 +12,7 @@ FOLLOWS = 0.25
 """Share of its speed by which a wheel that does what it is told may be off on average: a motor that
 pulls against a blocked wheel as hard as the tyre grips loses so much at half speed."""
 FOLLOWING_S = 0.5
+"""Over which that is averaged: longer than a reference leads or lags when the command changes."""
 
 
 class Standing:
