@@ -32,6 +32,10 @@ PATIENCE_S = 0.15
 """After an alarm the best is named after this time even so."""
 
 
+# Of numpy's own kind: it takes longer for a number of Python's.
+_INDEPENDENT, _BOUND, _NOTHING = map(np.array, (INDEPENDENT, BOUND, 0.0))
+
+
 def threshold(hypotheses: int, rate: float) -> float:
     """At which a cumulative sum raises an alarm."""
     return math.log(hypotheses * rate * FALSE_ALARM_S * INDEPENDENT)
@@ -73,13 +77,12 @@ class Sequential:
     def step(self, likelihood: Floats, seconds: float) -> None:
         """Takes in the log-likelihoods of a step."""
         sums, memory = self.sums, self.memory
-        told = INDEPENDENT * likelihood
+        told = _INDEPENDENT * likelihood
         evidence = told - _greatest(told[self._members[self.verdict]])
-        np.minimum(evidence, BOUND, out=evidence)
+        np.minimum(evidence, _BOUND, out=evidence)
         sums += evidence
-        np.maximum(sums, 0.0, out=sums)
-        told -= _greatest(told)
-        np.maximum(told, -WORST, out=told)
+        np.maximum(sums, _NOTHING, out=sums)
+        np.maximum(told, _greatest(told) - WORST, out=told)
         memory *= math.exp(-seconds / MEMORY_S)
         memory += told
         np.maximum(memory, _greatest(memory) - DEEPEST, out=memory)
