@@ -172,7 +172,7 @@ class Alignment:
     def step(self) -> Step | None:
         """The next step, once it is due; call until there is none."""
         begin = self._done
-        if begin is None:
+        if begin is None or self._wheels_newest < begin + SHORTEST_NS:
             return None
         end = self._next_end(begin)
         if end is None or not self._covered(end):
@@ -196,8 +196,8 @@ class Alignment:
             if turned is not None:
                 gyro_rate[i] = turned / seconds
         self._done = end
-        wheels = np.array((heading, steered, wheel_rate))
-        return Step(begin, end, wheels[0], wheels[1], wheels[2], np.array(gyro_rate))
+        n, wheels = self._n, np.array(heading + steered + wheel_rate)
+        return Step(begin, end, wheels[:n], wheels[n : 2 * n], wheels[2 * n :], np.array(gyro_rate))
 
     def _next_end(self, begin: int) -> int | None:
         """Where the next step ends: at a sample of the first driven wheel that is not absent."""

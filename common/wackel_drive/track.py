@@ -96,7 +96,7 @@ class Track:
                 if one is not None and other is not None:
                     del samples[:2]
                     return before[1], one + other
-        at = self._at_or_before(begin)
+        at = bisect_left(samples, (begin + 1,)) - 1
         if at < 0 or samples[-1][0] < end:
             self.forget(end)
             return None, None
@@ -122,17 +122,13 @@ class Track:
         """Drops samples that times from ``before`` on do not need."""
         samples = self._samples
         if len(samples) > 1 and samples[1][0] <= before:
-            del samples[: self._at_or_before(before)]
+            del samples[: bisect_left(samples, (before + 1,)) - 1]
 
     def clear(self) -> None:
         """Drops all: the next sample is an offset, not a motion."""
         self.newest = None
         self.present = False
         self._samples.clear()
-
-    def _at_or_before(self, at: int) -> int:
-        """Number of the last sample that is not after a time, -1 if there is none."""
-        return bisect_left(self._samples, (at + 1,)) - 1
 
 
 def _between(before: Sample, after: Sample) -> float | None:
