@@ -136,16 +136,19 @@ class Drive:
         with np.errstate(invalid="ignore"):
             return np.asarray(np.cos(each) * self._by_cos + np.sin(each) * self._by_sin)
 
-    def known_rows(self, heading: Floats) -> Floats:
-        """As :meth:`rows_along`, up to rounding and in half the time.
+    def known_rows(self, *headings: Sequence[float]) -> Floats:
+        """As :meth:`rows_along`, up to rounding and in a third of the time.
 
         Args:
-            heading: Of all wheels, fixed or not, shape (..., n); one that is not finite would spoil
-                the rows of all others.
+            headings: Each of all wheels, fixed or not, and finite.
+
+        Returns:
+            Shape (len(headings), R, 3).
         """
-        both = np.concatenate((np.cos(heading), np.sin(heading)), axis=-1)
-        rows: Floats = both.dot(self._by_both)
-        return rows.reshape(*heading.shape[:-1], len(self.row_wheels), 3)
+        # For some wheels, Python is faster with single numbers than numpy.
+        both = [turn(angle) for each in headings for turn in (math.cos, math.sin) for angle in each]
+        rows: Floats = np.array(both).reshape(len(headings), -1).dot(self._by_both)
+        return rows.reshape(len(headings), -1, 3)
 
     def values(self, wheel_rate: Floats) -> Floats:
         """What the rows times ξ equal: 0 for slide rows, r φ̇ for roll rows (eq. 5 and 6).

@@ -127,10 +127,8 @@ class Isolability:
         step = Step(
             0, nanoseconds, heading, np.zeros(drive.n), rates, np.full(len(self._gyros), twist[2])
         )
-        none = np.zeros(drive.n)
-        rolls = drive.roll_wheels
-        speed = drive.roll_radius * motion.wheel_rate[rolls]
-        return step, Target(heading, none, speed, np.zeros(len(rolls)), shown, twist)
+        speed = drive.roll_radius * motion.wheel_rate[drive.roll_wheels]
+        return step, Target(heading, [0.0] * drive.n, speed, [0.0] * len(speed), shown, twist)
 
     def _with(self, step: Step, fault: str) -> Step:
         place = self._hypotheses.place(fault)

@@ -32,6 +32,7 @@ CHOOSE_S = 0.5
 FASTEST = 20.0
 """m/s and rad/s; no robot on servos does more, and nothing larger is a command."""
 _MOST_WAITING = 64
+_QUARTER = math.pi / 2  # of a turn
 
 Twist: TypeAlias = tuple[float, float, float]
 
@@ -42,18 +43,18 @@ class Target(NamedTuple):
     Attributes:
         heading: Direction of each wheel, rad to the left of forward, shape (n,); not wrapped, on
             the side on which the wheel stands.
-        heading_gap: How far that still was from the command, rad.
+        heading_gap: How far that still was from the command, rad, of each wheel.
         speed: Rolling speed of each roll row, m/s.
-        speed_gap: How far that still was from the command, m/s.
+        speed_gap: How far that still was from the command, m/s, of each roll row.
         goal: Commanded headings, on this side or half a turn round.
         twist: Commanded.
         known: Whether there is a command to follow.
     """
 
     heading: Floats
-    heading_gap: Floats
+    heading_gap: list[float]
     speed: Floats
-    speed_gap: Floats
+    speed_gap: list[float]
     goal: Floats
     twist: Floats
     known: bool = True
@@ -74,6 +75,7 @@ class Reference:
             (*place, bool(steers))
             for place, steers in zip(drive.xy.tolist(), drive.steers, strict=True)
         ]
+        self._steered: list[int] = np.flatnonzero(drive.steers).tolist()
         self._roll_wheels = drive.roll_wheels
         self._rolls = drive.roll_wheels.tolist()
         self._radius = drive.roll_radius
@@ -94,7 +96,7 @@ class Reference:
         self._half_turns = np.zeros(len(self._goal))
         self._sign = np.ones(len(self._goal))
         self._turn_half_round(np.zeros(n))
-        self._envelope = np.zeros(n)
+        self._envelope = [0.0] * n
         # Which of the state are headings, which speeds.
         self._kinds = np.repeat(np.eye(2), (n, len(drive.roll_wheels)), axis=0)
         self._misses = np.zeros((2, len(LAGS_S)))
@@ -104,9 +106,9 @@ class Reference:
         self._turned_before = [0.0] * n, 1.0  # rad, s
         self._unknown = Target(
             np.full(drive.n, np.nan),
-            np.zeros(drive.n),
+            [0.0] * drive.n,
             np.full(len(drive.roll_wheels), np.nan),
-            np.zeros(len(drive.roll_wheels)),
+            [0.0] * len(drive.roll_wheels),
             np.full(drive.n, np.nan),
             np.full(3, np.nan),
             known=False,
@@ -154,15 +156,16 @@ class Reference:
             self._start(step)
         dt, n, goal, picked = step.seconds, self._n, self._goal, self._picked
         # The measured heading may be that of the same wheel turned half round and rolling back.
-        halves = np.rint((step.heading - self._state.take(picked[:n])) * (1 / math.pi))
-        if halves.tolist() != self._halves:  # hardly ever, or what is not known
-            self._turn_half_round(halves)
+        apart = step.heading - self._state.take(self._picked_headings)
+        off, halves = apart.tolist(), self._halves
+        if not all(-_QUARTER <= off[i] - halves[i] <= _QUARTER for i in self._steered):
+            # Hardly ever, or what is not known.
+            self._turn_half_round(np.rint(apart * (1 / math.pi)))
         self._learn_steering_rate(step)
         missing = self._state - goal
         moved = missing * np.expm1(-dt / LAGS_S)
-        angles = moved[:, :n].ravel().tolist()
-        most = self._steering_rate * dt
-        held = max(angles) > most or min(angles) < -most
+        turned, most = moved[:, :n], self._steering_rate * dt
+        held = turned.item(turned.argmax()) > most or turned.item(turned.argmin()) < -most
         if held or learnt_s:
             middles = goal - LAGS_S / dt * moved
             if held:
@@ -174,8 +177,10 @@ class Reference:
         else:
             middle = goal - self._lag_s / dt * moved.take(picked)
         self._state += moved
-        gap = np.abs(missing.take(picked))
-        self._envelope = np.maximum(gap[:n], self._envelope * math.exp(-dt / SETTLING_S))
+        gap, fade = [*map(abs, missing.take(picked).tolist())], math.exp(-dt / SETTLING_S)
+        self._envelope = [
+            max(now, fade * before) for now, before in zip(gap[:n], self._envelope, strict=True)
+        ]
         middle *= self._sign
         middle += self._half_turns
         return Target(middle[:n], self._envelope, middle[n:], gap[n:], goal[:n], self._twist)
@@ -231,8 +236,8 @@ class Reference:
     def _turn_half_round(self, halves: Floats) -> None:
         """Each wheel stands so many half turns from its reference, where it is known."""
         halves = np.where(np.isfinite(halves), halves, 0.0)
-        self._halves: list[float] = halves.tolist()
         self._half_turns[: self._n] = halves * math.pi
+        self._halves: list[float] = self._half_turns[: self._n].tolist()
         self._sign[self._n :] = 1.0 - 2.0 * (halves.take(self._roll_wheels) % 2.0)
 
     def _learn_steering_rate(self, step: Step) -> None:
@@ -241,8 +246,7 @@ class Reference:
         before, self._turned_before = self._turned_before, (step.steered.tolist(), step.seconds)
         turned, seconds = self._turned_before
         most = self._steering_rate * seconds
-        # NaN is not greater than anything.
-        if not any(abs(angle) > most for angle in turned):
+        if max(turned) <= most and min(turned) >= -most:  # not so if the first is not known
             return
         for now, then in zip(turned, before[0], strict=True):
             rates = abs(now) / seconds, abs(then) / before[1]
@@ -255,6 +259,7 @@ class Reference:
         rows = np.repeat((steering, rolling), (self._n, rolls))
         self._chosen = steering, rolling
         self._picked = rows * width + np.arange(width)
+        self._picked_headings = self._picked[: self._n]
         self._lag_s = LAGS_S[rows, 0]
 
     def _learn(self, step: Step, learnt_s: float, middle: Floats) -> None:

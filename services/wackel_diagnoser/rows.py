@@ -8,10 +8,10 @@ calibration: it is constant, so that hours of one motion say nothing of the next
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from operator import sub
+from operator import add, sub
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from wackel_diagnoser.reference import Target
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
 from wackel_kinematics.array import Bools, Floats
+from wackel_kinematics.drive import Drive
 from wackel_node.config_drive import DriveConfig, GyroConfig
 
 CREEP = 0.002
@@ -178,8 +179,6 @@ class Rows:
         wrong = per_row((config.steering_error, config.radius_error, scale, 0.0, 0.0))[:, 0]
         self._calibration: Floats = (UNKNOWN * wrong) ** 2
         self.configured: Floats = wrong[: len(slides) + len(rolls)] ** 2
-        # By what is forced or late in each row.
-        self._late = per_row((FORCED, FORCED, JERK, PENDING, PENDING))[:, 0]
         self._mounted: list[float] = drive.heading(np.zeros(drive.n)).tolist()
         self._zeros, self.lag_s = [0.0] * drive.n, 0.0
         self._h = np.zeros((self.count, 3))
@@ -232,26 +231,28 @@ class Rows:
         lag = [abs(turns[i]) * (STEERING_LAG_S / dt) for i in steered]
         rates = step.wheel_rate.tolist()
         rolled = [rates[i] * radius for i, radius in self._radius_of]
-        turning = (step.gyro_rate - bias).tolist()
+        turning = [
+            rate - off for rate, off in zip(step.gyro_rate.tolist(), bias.tolist(), strict=True)
+        ]
         # One sum tells whether anything is missing, which is rare.
         whole = math.isfinite(sum(stands) + sum(lag) + sum(rolled) + sum(turning))
-        look = drive.known_rows if whole else drive.rows_along
         if target.known:
             told, speeds = target.heading.tolist(), target.speed.tolist()
             aimed = self._mounted.copy()
             for i in steered:
                 aimed[i] = told[i] + zeros[i]
-            rows, wanted = look(np.array((*stands, *aimed)).reshape(2, -1))
-            forced, mean = self._slip(wanted, target.speed)
+            rows = drive.known_rows(stands, aimed) if whole else _any_rows(drive, stands, aimed)
+            forced, mean = self._slip(rows[1], target.speed)
             off, present = [heading[i] - told[i] for i in steered], self.every
             missed = [is_ - should for is_, should in zip(rolled, speeds, strict=True)]
         else:
-            rows, forced, mean = look(np.array(stands)), self._no_constraints, 0.0
+            rows = drive.known_rows(stands) if whole else _any_rows(drive, stands)
+            forced, mean = self._no_constraints, 0.0
             self._told, self._skid = self._unknown, 0.0
             off, present = self._no_steering, self._untold
             missed = speeds = self._no_rolls
         h = self._h.copy()
-        h[: self._constraints] = rows
+        h[: self._constraints] = rows[0]
         z = [*self._no_slides, *rolled, *turning, *off, *missed]
         if not whole:
             present = present & np.isfinite(z) & np.isfinite(h[:, 0])
@@ -272,27 +273,27 @@ class Rows:
             lagging = [each * late for each, late in zip(sliding, lag, strict=True)]
         if target.known:
             mean += self._hastened(speeds, target.twist, speed, dt)
-        gaps = target.heading_gap.tolist()
+        gaps, slides = target.heading_gap, len(sliding)
+        # While wheels turn, their references contradict each other: they really slip.
+        droop = DROOP_M_S * mean / (mean + GRIP_M_S)
         values = np.fromiter(
             [
                 *z,
                 # How much is shown.
                 *(*sliding, *shown, *turning, *self._no_steering, *shown),
-                # What is forced or late.
+                # What is forced or late, or belongs to another time.
                 *(
-                    *forced,
-                    *self._changed(turning),
-                    *[gaps[i] for i in steered],
-                    *target.speed_gap.tolist(),
+                    *map(add, forced[:slides], lagging),
+                    *forced[slides:],
+                    *[JERK * each for each in self._changed(turning)],
+                    *[PENDING * gaps[i] + late for i, late in zip(steered, lag, strict=True)],
+                    *[PENDING * gap for gap in target.speed_gap],
                 ),
-                # What belongs to another time.
-                *(*lagging, *self._no_rolls, *self._no_gyros, *lag, *self._no_rolls),
+                *(1.0, 1 / dt, 1 / dt**2, speed, mean, droop),
             ],
             np.float64,
         )
-        # While wheels turn, their references contradict each other: they really slip.
-        droop = DROOP_M_S * mean / (mean + GRIP_M_S)
-        causes = self._causes.dot((1.0, 1 / dt, 1 / dt**2, speed, mean, droop))
+        causes = self._causes.dot(values[3 * self.count :])
         size = causes[self.count : 2 * self.count]
         if present is not self.every:
             size *= present
@@ -304,18 +305,15 @@ class Rows:
         """Of sensors, of calibration, and what the manoeuvre adds.
 
         Args:
-            values: What rows measure and show, what is late, and by what lags, shape (4 M,).
+            values: What rows measure and show, and what is forced or late, shape (3 M + 6,).
             causes: Noise, sizes of faults, and slip, shape (3 M,).
         """
         count = self.count
-        squares = values[count : 2 * count]
+        squares, loose = values[count : 2 * count], values[2 * count : 3 * count]
         squares *= squares
         base = squares * self._follows
         base += causes[:count]
-        loose = values[2 * count : 3 * count]
-        loose *= self._late
         loose += causes[2 * count :]
-        loose += values[3 * count :]
         loose *= loose
         return base, squares * self._calibration, loose
 
@@ -338,11 +336,18 @@ class Rows:
         return LOADED * min(held * held, 1.0) * speed + self._skid
 
     def _slip(self, rows: Floats, speeds: Floats) -> tuple[list[float], float]:
-        """How much the references contradict each other, m/s, in each row and on average."""
+        """How much the references contradict each other, m/s: by which each row may be off, and on
+        average."""
         inverse = self._inverse
         if inverse is None:
             inverse = np.asarray(np.linalg.inv(rows.T @ rows + REGULAR))
         slip: list[float] = rows.dot(inverse.dot(speeds.dot(rows[self.rolls]))).tolist()
         for row, speed in enumerate(speeds.tolist(), start=self.rolls.start):
             slip[row] -= speed
-        return [*map(abs, slip)], math.sqrt(sum([each * each for each in slip]) / len(slip))
+        mean = math.sqrt(sum([each * each for each in slip]) / len(slip))
+        return [FORCED * abs(each) for each in slip], mean
+
+
+def _any_rows(drive: Drive, *headings: Sequence[float]) -> Floats:
+    """As :meth:`Drive.known_rows`, of headings that may be unknown."""
+    return drive.rows_along(np.array(headings))

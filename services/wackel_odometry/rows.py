@@ -145,9 +145,10 @@ class Rows:
             heading[i] = told[i]
         # One sum tells whether anything is missing, which is rare.
         whole = math.isfinite(sum(rolled) + sum(turning) + sum(heading))
-        look = drive.known_rows if whole else drive.rows_along
         h = self._h.copy()
-        h[: self.wheels, TWIST] = look(np.array(heading))
+        h[: self.wheels, TWIST] = (
+            drive.known_rows(heading)[0] if whole else drive.rows_along(np.array(heading))
+        )
         if whole and self._all_roll:
             sliding = [abs(rolled[row]) for row in self._roll_of_slide]
         else:

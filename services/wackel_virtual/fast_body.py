@@ -62,7 +62,7 @@ class FastBody:
     def step(self, wheels: WheelStates, world: World, duration_s: float) -> None:
         """Move on."""
         drive, slides, rolls = self._drive, self._drive.slide_count, self._rolls
-        rows = drive.known_rows(drive.heading(wheels.steering))
+        rows = drive.known_rows(drive.heading(wheels.steering).tolist())[0]
         # Shares of 1 and 0: what holds each wheel's rolling.
         blocked: Floats = wheels.blocked[rolls].astype(np.float64)
         driven: Floats = wheels.driven[rolls] * (1.0 - blocked)
