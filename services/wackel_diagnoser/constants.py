@@ -138,19 +138,19 @@ class Constants:
         causes = np.zeros((end, moving))
         causes.flat[:: moving + 1] = np.concatenate((-own, rolled, np.ones(len(bias))))
         seconds = (last.step.end - first.step.end) / 1e9
-        turned = (last.step.heading - first.step.heading).take(self._slide_wheels)
-        lag = np.where(self._steers, own * turned, 0.0) / seconds
+        turned = last.step.heading - first.step.heading
+        turned = np.where(self._steers, turned.take(self._slide_wheels), 0.0)
         faster = (last.target.speed - first.target.speed) / seconds
         if not whole:
-            lag, faster = np.nan_to_num(lag), np.nan_to_num(faster)
-        causes[slides, self.steering_lag] = lag
+            turned, faster = np.nan_to_num(turned), np.nan_to_num(faster)
+        causes[slides, self.steering_lag] = lag = own * turned / seconds
         causes[rolls, self.rolling_lag] = faster
         seen = z[:end].copy()
         seen[slides] += rows.lag_s * lag
         seen[rows.gyros] += bias
         h = np.add.reduce([shown.measured.h for shown in block])[:end] / n
         # What turns far meanwhile is not on average what its mean direction makes it.
-        bent = np.nan_to_num(own * turned * turned) / 12.0
+        bent = own * turned * turned / 12.0
         weight = present[:end] / (self._noise + loose[:end] + float(bent.dot(bent)))
         weighted = h * weight[:, None]
         projection = -weighted @ np.linalg.inv(weighted.T @ h + REGULAR) @ weighted.T

@@ -78,6 +78,8 @@ class Diagnoser:
         self._sequential = Sequential(hypotheses.prior, hypotheses.explanation, limit)
         self._small = SmallFaults(layout, config, rows, gyros)
         self._bias = GyroBias(list(gyros.values()))
+        self._unsure = np.zeros(rows.count)  # variances of those, in their rows
+        self._unsure[rows.gyros] = self._bias.variance
         self._efforts = Efforts(layout)
         self._idle = IdleMotors(len(layout.drive.roll_wheels), RATE / LEARN_EVERY)
         self._references = ReferenceErrors(layout, rows)
@@ -162,26 +164,26 @@ class Diagnoser:
         return messages
 
     def _step(self, step: Step) -> list[Message]:
-        sequential, rows = self._sequential, self._rows
+        sequential, rows, seconds = self._sequential, self._rows, step.seconds
         young = self._driven_s < ACQUAINTED_S
         calm = young or (sequential.verdict == 0 and sequential.alarm < CALM)
         self._steps_made += 1
         learning = calm and self._steps_made % LEARN_EVERY == 0
-        learnt_s = step.seconds * LEARN_EVERY if learning else 0.0
+        learnt_s = seconds * LEARN_EVERY if learning else 0.0
         target = self._reference.step(step, learnt_s)
         measured = rows.measure(step, target, self._bias.value)
         variance = measured.base * self._sensors.factors
         variance += measured.fixed
         variance += measured.loose * self._manoeuvre.factors
-        variance[rows.gyros] += self._bias.variance
+        variance += self._unsure
         likelihood = self._bank.evaluate(measured.z, measured.h, variance, measured.size)
-        sequential.step(likelihood, step.seconds)
+        sequential.step(likelihood, seconds)
         moving = measured.speed > MOVING_M_S
         if young:
-            self._driven_s += step.seconds if moving else 0.0
+            self._driven_s += seconds if moving else 0.0
             sequential.forget()
         driven_s = learnt_s if moving else 0.0
-        efforts = self._efforts.step(step.seconds, target.speed, driven_s, needed=not calm)
+        efforts = self._efforts.step(seconds, target.speed, driven_s, needed=not calm)
         self._history.add(Moment(step.end, step.heading, measured.z[rows.rolls], target))
         if learning:
             self._learn(measured, variance, learnt_s, moving)
@@ -201,7 +203,7 @@ class Diagnoser:
         evidence = measured, variance, efforts
         changed = self._verdicts.step(step, target, evidence, likelihood, currents)
         if self._steps_made % LEARN_EVERY == 0 and (rolling := self._efforts.rolling()) is not None:
-            self._idle.step(step.seconds * LEARN_EVERY, target.speed, *rolling)
+            self._idle.step(seconds * LEARN_EVERY, target.speed.tolist(), *rolling)
         messages: list[Message] = []
         if changed or self._to_examine(step.end):
             messages += self._examine(step.end)
@@ -228,6 +230,7 @@ class Diagnoser:
             self._manoeuvre.learn(squares * self._manoeuvre.factors, seen & loose, seconds)
         g = rows.gyros
         self._bias.learn(off[g] / left[g], variance[g] / left[g], seen[g], seconds, moving)
+        self._unsure[g] = self._bias.variance
 
     def _correct(self) -> None:
         """The zero of a steering is wrong, or right again: what was concluded before is void."""

@@ -145,7 +145,7 @@ class Efforts:
         """Of the rolling motors, as last read, A or share of load; NaN if unknown."""
         return self._current[: self._rolls]
 
-    def rolling(self) -> tuple[Floats, Floats, Floats] | None:
+    def rolling(self) -> tuple[list[float], tuple[float, float], list[float]] | None:
         """Currents of the rolling motors, what driving needs by speed and by acceleration, and the
         mean square of what is left; ``None`` until that is known."""
         if self._learnt_s < LEARNT_S:
@@ -155,7 +155,7 @@ class Efforts:
             amperes if self._newest - read <= STALE_NS else math.nan
             for amperes, read in zip(self._current[:rolls], self._read[:rolls], strict=True)
         ]
-        return np.array(current), np.array(self._needs), np.array(self._usual[:rolls])
+        return current, self._needs, self._usual[:rolls]
 
     def _watch_torque(self, seconds: float) -> None:
         torque = self._torque

@@ -91,14 +91,16 @@ class Observed:
 
 def observe(block: Block, rows: Rows) -> Observed | None:
     """A block of two steps or more; ``None`` if anything is missing."""
-    yaws = [measured.z[rows.gyros] for _, _, measured, _ in block]
-    begin, end = block[0][1], block[-1][1]
-    if not yaws[0].size or not all(measured.present.all() for _, _, measured, _ in block):
+    if not all(measured.present is rows.every for _, _, measured, _ in block):
         return None
+    z = np.array([measured.z for _, _, measured, _ in block])
+    yaws, rolled = z[:, rows.gyros], z[:, rows.rolls]
+    if not yaws.size:
+        return None
+    begin, end = block[0][1], block[-1][1]
     first, last = begin.twist, end.twist
     vx, vy, omega = (0.5 * (first + last)).tolist()
     seconds = (block[-1][0].end - block[0][0].end) / 1e9
-    rolled = np.array([measured.z[rows.rolls] for _, _, measured, _ in block])
     current = np.array([current for _, _, _, current in block])
     turned = float(yaws[-1].mean()) ** 2 - float(yaws[0].mean()) ** 2
     hastened = float(end.speed.dot(end.speed) - begin.speed.dot(begin.speed))
@@ -107,7 +109,7 @@ def observe(block: Block, rows: Rows) -> Observed | None:
         _mean([target.heading for _, target, _, _ in block]),
         _mean([target.speed for _, target, _, _ in block]),
         _mean(rolled),
-        float(np.add.reduce(yaws).sum()) / (len(yaws) * yaws[0].size),
+        float(yaws.sum()) / yaws.size,
         (last - first) / seconds + np.array([-omega * vy, omega * vx, 0.0]),
         float(np.vdot(current, rolled)) / len(block),
         np.array(

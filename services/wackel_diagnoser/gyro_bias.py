@@ -25,14 +25,22 @@ class GyroBias:
         self.value: Floats = np.zeros(len(gyros))
         # A data sheet's limit is taken for three standard deviations.
         self.variance: Floats = np.array([(gyro.bias_limit / 3) ** 2 for gyro in gyros])
-        self._wander = np.array([gyro.bias_stability**2 / WANDERING_S for gyro in gyros])
+        self._wander = [gyro.bias_stability**2 / WANDERING_S for gyro in gyros]
 
     def learn(
         self, off: Floats, variance: Floats, seen: Bools, seconds: float, moving: bool
     ) -> None:
         """Takes in by how much each gyro is off what all others say, and the variance of that."""
-        self.variance = self.variance + self._wander * seconds
-        noise = np.maximum(variance - self.variance, 1e-12) * (SYSTEMATIC if moving else 1.0)
-        gain = np.where(seen, self.variance / (self.variance + noise), 0.0)
-        self.value = self.value + gain * off
-        self.variance = self.variance * (1.0 - gain)
+        alike = SYSTEMATIC if moving else 1.0
+        values, variances = self.value.tolist(), self.variance.tolist()
+        # Single numbers: for a gyro or two, Python is faster with them than numpy.
+        for i, (miss, unsure, known) in enumerate(
+            zip(off.tolist(), variance.tolist(), seen.tolist(), strict=True)
+        ):
+            variances[i] += self._wander[i] * seconds
+            if known:
+                noise = max(unsure - variances[i], 1e-12) * alike
+                gain = variances[i] / (variances[i] + noise)
+                values[i] += gain * miss
+                variances[i] *= 1.0 - gain
+        self.value, self.variance = np.array(values), np.array(variances)

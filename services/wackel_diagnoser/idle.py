@@ -6,10 +6,10 @@ other. One that turns alone needs only the first, while the others work.
 """
 
 import math
+from collections.abc import Iterable
 
 from wackel_diagnoser.efforts import LEAST
 from wackel_diagnoser.sequential import threshold
-from wackel_kinematics.array import Floats
 
 FRICTION = 0.1
 """Share by which the friction of a motor differs from that of the others."""
@@ -54,32 +54,36 @@ class IdleMotors:
         self._usual: list[float] | None = None
 
     def step(
-        self, seconds: float, speed: Floats, current: Floats, needs: Floats, usual: Floats
+        self,
+        seconds: float,
+        speeds: list[float],
+        current: Iterable[float],
+        needs: tuple[float, float],
+        usual: list[float],
     ) -> None:
         """Looks once.
 
         Args:
             seconds: Since the last look.
-            speed: At which each should roll, m/s.
+            speeds: At which each should roll, m/s.
             current: Of each motor, A or share of load; NaN if unknown.
             needs: What friction needs by speed, and mass by acceleration.
             usual: Mean square of what each needs beyond that, as known before the first look; later
                 ones follow it on their own.
         """
-        speeds = speed.tolist()
         before, self._before = self._before, speeds
         if before is None or len(speeds) < 2:
             return
         # Single numbers: for some motors, Python is faster with them than numpy.
-        by_speed, by_acceleration = needs.tolist()
+        by_speed, by_acceleration = needs
         frictions = [by_speed * now for now in speeds]
         inertias = [
             by_acceleration * (now - then) / seconds
             for now, then in zip(speeds, before, strict=True)
         ]
-        alone = [a - friction for a, friction in zip(current.tolist(), frictions, strict=True)]
+        alone = [a - friction for a, friction in zip(current, frictions, strict=True)]
         rest = [a - inertia for a, inertia in zip(alone, inertias, strict=True)]
-        means = self._usual or usual.tolist()
+        means = self._usual or usual
         if not math.isfinite(sum(alone) + sum(rest) + sum(means)):
             return
         self._usual = means = self._follow(means, rest, seconds)

@@ -178,7 +178,7 @@ class ReferenceErrors:
         if motion is None or seen is None:
             self._before = None
             return False
-        turned = max(float(np.abs(step.steered).max()) for step, _, _, _ in block)
+        turned = float(np.abs([step.steered for step, _, _, _ in block]).max())
         off = np.abs(seen.rolled - seen.speed) - FOLLOWS_SHARE * np.abs(seen.speed)
         if not (
             off.max() < FOLLOWS_M_S

@@ -167,7 +167,8 @@ class SmallFaults:
         )
         heard = told > 1e-3 * self._constants.prior
         for kind in self._constants.kinds:
-            factor = float(scaling.factors[kind].mean())
+            each = scaling.factors[kind]
+            factor = float(np.add.reduce(each)) / len(each)
             information[kind, kind] /= factor
             right[kind] /= factor
         odd = bool(squares.max() > SURE * scaling.factors.max())

@@ -12,8 +12,8 @@ from wackel_diagnoser.idle import IdleMotors
 from wackel_kinematics.array import Floats
 from wackel_schemas.fault import FaultReport
 
-NEEDS = np.array([0.15, 0.05])  # A by m/s, and by m/s²
-USUAL = np.full(4, 0.1**2)
+NEEDS = (0.15, 0.05)  # A by m/s, and by m/s²
+USUAL = [0.1**2] * 4
 LOOK_S = 0.04
 
 
@@ -28,7 +28,7 @@ def look(motors: IdleMotors, seconds: float, idle: int | None, work_a: float = 0
         if idle is not None:
             load[idle] = 0.0
         current = NEEDS[0] * speed + load + rng.normal(0.0, 0.003, 4)
-        motors.step(LOOK_S, speed, current, NEEDS, USUAL)
+        motors.step(LOOK_S, speed.tolist(), current.tolist(), NEEDS, USUAL)
 
 
 def test_a_motor_that_idles_while_others_work_is_found_and_heals() -> None:
@@ -60,7 +60,7 @@ def drive_evenly(motors: IdleMotors, seconds: float, blocked: int | None = None)
         current = NEEDS[0] * 0.3 + push + rng.normal(0.0, 0.003, 4)
         if blocked is not None:
             current[blocked] = 1.2
-        motors.step(LOOK_S, np.full(4, 0.3), current, NEEDS, np.full(4, 0.009**2))
+        motors.step(LOOK_S, [0.3] * 4, current.tolist(), NEEDS, [0.009**2] * 4)
 
 
 def test_motors_that_hardly_work_are_not_idle_nor_is_one_that_was_blocked() -> None:
@@ -80,7 +80,7 @@ def test_nonsense_convicts_nobody(speed: Floats, current: Floats) -> None:
     motors = IdleMotors(4, 1 / LOOK_S)
     with np.errstate(all="ignore"):
         for _ in range(3):
-            motors.step(LOOK_S, speed, current, NEEDS, USUAL)
+            motors.step(LOOK_S, speed.tolist(), current.tolist(), NEEDS, USUAL)
     assert not any(motors.found)
     look(motors, 5.0, idle=2)
     assert motors.found[2]
