@@ -38,7 +38,7 @@ RATE = 100.0
 """Hz for which false alarms are designed; at another rate they scale with it."""
 LEARN_EVERY = 4
 """Steps; what is learnt changes within seconds."""
-SHOW_NS = 100_000_000
+SHOW_NS = 200_000_000
 """How often residuals are published: as fast as people read."""
 EXAMINE_NS = 50_000_000
 """How often faults are looked at while one is suspected."""
