@@ -22,6 +22,7 @@ from wackel_node.errors import Explained
 from wackel_recording.about import METADATA_NAME, About
 from wackel_schemas.keys import ROOT
 
+_IS_MESSAGE, _IS_CHANNEL = int(Opcode.MESSAGE), int(Opcode.CHANNEL)  # members are slow to look up
 _HEAD = struct.Struct("<BQ")  # opcode, length (MCAP specification, Records)
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log_time, publish_time
 
@@ -155,7 +156,7 @@ class RecordingFile:
         while here < len(data):
             opcode, length = _HEAD.unpack_from(data, here)
             here += _HEAD.size
-            if opcode == Opcode.MESSAGE:
+            if opcode == _IS_MESSAGE:
                 channel, _, arrived_ns, stamp_ns = _MESSAGE.unpack_from(data, here)
                 self._found += 1
                 key = self._channels.get(channel, "")
@@ -164,7 +165,7 @@ class RecordingFile:
                     yield Entry(key, arrived_ns, stamp_ns, payload)
                 elif key is not None:
                     self._nameless += 1
-            elif opcode == Opcode.CHANNEL:
+            elif opcode == _IS_CHANNEL:
                 self._learn(Channel.read(_stream(data[here : here + length])), wanted)
             here += length
 

@@ -109,35 +109,38 @@ class LiveOrder:
             now_ns: Up to which time of arrival the recording has been read.
         """
         newest: dict[tuple[str, int], int] = {}
-        while self._named:
-            name, named_ns = self._named[0]
+        named, waiting, arrivals = self._named, self._waiting, self._arrivals
+        while named:
+            name, named_ns = named[0]
             if isinstance(name, Restart):
-                self._named.popleft()
+                named.popleft()
                 self._latest.clear()
                 yield name
                 continue
-            same = self._waiting.get(name)
+            same = waiting.get(name)
             if same:
-                newest[name[:2]] = name[2]
-                item = same[0]
-                self._remove(item)
+                key, boot, seq = name
+                newest[key, boot] = seq
+                item = same.pop(0)
+                if not same:
+                    del waiting[name]
             elif (again := self._latest.get(name[0])) is not None and again.id == name:
                 item = again  # a latched one, told again
             elif now_ns - named_ns <= BELATED_NS:
                 break
             else:
                 self.unknown += 1
-                self._named.popleft()
+                named.popleft()
                 continue
-            self._named.popleft()
+            named.popleft()
             topic = topic_of(item.key)
             if topic is not None and topic.latched:
                 self._latest[item.key] = item
             yield item
         if newest:
             self._pass_over(newest)
-        while self._arrivals and not self._waits(self._arrivals[0]):
-            self._arrivals.popleft()
+        while arrivals and arrivals[0] not in waiting.get(arrivals[0].id, ()):
+            arrivals.popleft()
         if self._heard_ns is None or now_ns - self._heard_ns > SILENCE_NS:
             yield from self._arrived_by(now_ns - SILENCE_NS)
 
