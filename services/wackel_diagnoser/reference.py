@@ -181,8 +181,9 @@ class Reference:
         self._envelope = [
             max(now, fade * before) for now, before in zip(gap[:n], self._envelope, strict=True)
         ]
-        middle *= self._sign
-        middle += self._half_turns
+        if any(self._halves):
+            middle *= self._sign
+            middle += self._half_turns
         return Target(middle[:n], self._envelope, middle[n:], gap[n:], goal[:n], self._twist)
 
     def _hold(self, moved: Floats, middles: Floats, most: float) -> None:

@@ -280,16 +280,24 @@ class Rows:
             [
                 *z,
                 # How much is shown.
-                *(*sliding, *shown, *turning, *self._no_steering, *shown),
+                *sliding,
+                *shown,
+                *turning,
+                *self._no_steering,
+                *shown,
                 # What is forced or late, or belongs to another time.
-                *(
-                    *map(add, forced[:slides], lagging),
-                    *forced[slides:],
-                    *[JERK * each for each in self._changed(turning)],
-                    *[PENDING * gaps[i] + late for i, late in zip(steered, lag, strict=True)],
-                    *[PENDING * gap for gap in target.speed_gap],
-                ),
-                *(1.0, 1 / dt, 1 / dt**2, speed, mean, droop),
+                *map(add, forced[:slides], lagging),
+                *forced[slides:],
+                *[JERK * each for each in self._changed(turning)],
+                *[PENDING * gaps[i] + late for i, late in zip(steered, lag, strict=True)],
+                *[PENDING * gap for gap in target.speed_gap],
+                # What causes depend on.
+                1.0,
+                1 / dt,
+                1 / dt**2,
+                speed,
+                mean,
+                droop,
             ],
             np.float64,
         )
