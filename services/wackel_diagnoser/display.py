@@ -44,7 +44,6 @@ class Display:
         sequential: Sequential,
         reference: Reference,
     ) -> None:
-        self._drive = layout.drive
         self._paper = PaperSteps(layout)
         self._explanations = hypotheses.explanations
         # How far a fault spoils the rows, of which there are several ways, is not told.
@@ -77,11 +76,10 @@ class Display:
         likeliest = np.argsort(-probabilities, kind="stable")[:SHOWN].tolist()
         gyro = measured.z[rows.gyros][measured.present[rows.gyros]].tolist()
         goal = np.where(np.isfinite(target.goal), target.goal, step.heading)
-        beta, commanded_beta = self._drive.steering(np.array((step.heading, goal)))
         judged = self._paper.judge(
-            beta,
+            step.heading,
             step.wheel_rate,
-            commanded_beta,
+            goal,
             target.twist,
             sum(gyro) / len(gyro) if gyro else math.nan,
         )

@@ -70,19 +70,19 @@ class PaperSteps:
         self.labels = self._candidates.labels
 
     def judge(
-        self, beta: Floats, rate: Floats, commanded_beta: Floats, command: Floats, yaw: float
+        self, heading: Floats, rate: Floats, goal: Floats, command: Floats, yaw: float
     ) -> Judgement:
         """The steps for one moment.
 
         Args:
-            beta: Measured steering, rad, shape (n,).
+            heading: Measured directions of the wheels, rad, shape (n,).
             rate: Measured wheel rates, rad/s, shape (n,).
-            commanded_beta: Steering that was commanded, for Step I; NaN where it is not known.
+            goal: Directions that were commanded, for Step I; NaN where they are not known.
             command: The commanded twist; NaN if none is known.
             yaw: What the gyro shows, rad/s; NaN if there is none.
         """
         candidates, drive = self._candidates, self._drive
-        rows, commanded_rows = drive.rows(np.array((beta, commanded_beta)))
+        rows, commanded_rows = drive.rows_along(np.array((heading, goal)))
         twists = candidates.twists(rows, drive.values(rate))
         singular = candidates.singularities(commanded_rows)
         left = ~singular.any & np.isfinite(twists[:, 0])

@@ -27,7 +27,8 @@ def judged(
     motion = inverse(drive, CIRCLE, drive.steering(np.zeros(3)))
     rate = motion.wheel_rate * np.array([others, others, rate_of_3])
     beta = motion.steering + np.array([0.0, 0.0, beta_off])
-    return PaperSteps(layout).judge(beta, rate, motion.steering, command, yaw)
+    goal = drive.heading(motion.steering)
+    return PaperSteps(layout).judge(drive.heading(beta), rate, goal, command, yaw)
 
 
 def test_nothing_wrong_gives_the_signature_of_zeros() -> None:
@@ -63,9 +64,8 @@ def test_a_pair_whose_axles_coincide_is_left_out() -> None:
     drive = layout.drive
     motion = inverse(drive, np.array([0.5, 0.0, 0.0]), drive.steering(np.zeros(4)))
     steps = PaperSteps(layout)
-    found = steps.judge(
-        motion.steering, motion.wheel_rate, motion.steering, np.array([0.5, 0.0, 0.0]), 0.0
-    )
+    heading = drive.heading(motion.steering)
+    found = steps.judge(heading, motion.wheel_rate, heading, np.array([0.5, 0.0, 0.0]), 0.0)
     assert found.coincident.any()
     assert not (found.deviates & found.coincident).any()
     assert "(B)" in found.texts["I"]
