@@ -20,6 +20,9 @@ MOST = 200.0
 OUTLIER = 100.0
 """Fourth power, by what it is on average, beyond which one residual teaches no more."""
 
+# Of numpy's own kind: it takes longer for a number of Python's.
+_MEMORY_S, _OUTLIER, _MOST, _NORMAL = map(np.array, (MEMORY_S, OUTLIER, MOST, 3.0))
+
 
 class Scaling:
     """Scales of the variances.
@@ -34,7 +37,7 @@ class Scaling:
     """
 
     def __init__(self, count: int, first: float, least: float) -> None:
-        self._least = least
+        self._least = np.array(least)
         self._seconds = np.full(count, TRUST_S)
         self._fourth = np.full(count, 3.0 * first**2)
         self.factors: Floats = np.full(count, first)
@@ -49,9 +52,9 @@ class Scaling:
         """
         heard = weight * seconds
         self._seconds += heard
-        np.minimum(self._seconds, MEMORY_S, out=self._seconds)
-        bounded = np.minimum(squares * squares, OUTLIER * self._fourth)
+        np.minimum(self._seconds, _MEMORY_S, out=self._seconds)
+        bounded = np.minimum(squares * squares, _OUTLIER * self._fourth)
         bounded -= self._fourth
         bounded *= heard / self._seconds
         self._fourth += bounded
-        self.factors = np.minimum(np.maximum(np.sqrt(self._fourth / 3.0), self._least), MOST)
+        self.factors = np.minimum(np.maximum(np.sqrt(self._fourth / _NORMAL), self._least), _MOST)
