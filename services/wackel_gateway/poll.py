@@ -25,8 +25,10 @@ from wackel_schemas.wire import Rejected
 _LOOK_S = 0.2  # at a rate of few cycles a second, a port that is gone shall still show at once
 _PUMP_NS = 5_000_000  # where cycles leave no pause, the node's messages get a turn so often
 _TRAVELS_WITHIN_NS = 20_000_000
-"""Each message wakes every service, which costs more than what it says; one that is not urgent
-travels with those of the next cycle if that comes so soon."""
+"""A message wakes its readers, which costs more than to read it. What is as it should be waits so
+long for others to travel with; the state of a cycle, by which robots are controlled, never does."""
+_SUSPECT_NS = 1_000_000_000
+"""For so long after anything that is not as it should be, every answer is news to a diagnosis."""
 _OF_A_CYCLE = (Stage.COMMAND, Stage.CYCLE, Stage.PLAIN, Stage.REST, Stage.DEVICE)
 
 
@@ -58,7 +60,10 @@ class Poller:
         self._exchange: Exchange | None = None
         self._unpublished: Outcome | None = None
         self._brisk = config.rate * _TRAVELS_WITHIN_NS >= 1e9
-        self._travelling: list[Outcome] = []  # in order; published with the next that cannot wait
+        # In order; published with the next that cannot wait: states, and transactions.
+        self._unstated: list[Outcome] = []
+        self._travelling: list[Outcome] = []
+        self._trouble_ns = 0  # when there last was any
         self._models: dict[int, int | None] = {}
         self._alerts = False  # whether any servo has ever set an error byte
         self._cycle = 0
@@ -101,37 +106,46 @@ class Poller:
                 if outcome.late:
                     waited_ns = self._processor_wait.total_ns() - waited_before_ns
                     outcome.host_lag_ns = max(outcome.host_lag_ns, waited_ns)
-                self._done(job, outcome)
                 if _is_trouble(outcome):
-                    self._publish()  # now, and not behind the next instruction
+                    self._publish()  # now, and not behind what comes next
+                self._done(job, outcome)
         finally:
             self._exchange = None
             self._publish_all()
 
     def _publish(self) -> None:
-        """Publishes the last outcome, and those that travel with it, unless it can wait itself."""
+        """Publishes of the last outcome, and of those before it, what cannot wait."""
         outcome, self._unpublished = self._unpublished, None
         if outcome is None:
             return
+        self._unstated.append(outcome)
         self._travelling.append(outcome)
-        if not self._can_wait(outcome):
+        if _is_trouble(outcome):
+            self._trouble_ns = outcome.ended_ns
+        if (
+            not self._brisk
+            or outcome.ended_ns - self._trouble_ns < _SUSPECT_NS
+            or outcome.ended_ns - self._travelling[0].ended_ns >= _TRAVELS_WITHIN_NS
+        ):
             self._publish_all()
-
-    def _can_wait(self, outcome: Outcome) -> bool:
-        return (
-            self._brisk
-            and outcome.purpose == "background"
-            and not _is_trouble(outcome)
-            and outcome.ended_ns - self._travelling[0].ended_ns < _TRAVELS_WITHIN_NS
-        )
+        elif outcome.purpose != "background":
+            self._publish_states()
 
     def _publish_all(self) -> None:
         if self._unpublished is not None:
+            self._unstated.append(self._unpublished)
             self._travelling.append(self._unpublished)
             self._unpublished = None
+        # First what tells of faults.
         outcomes, self._travelling = self._travelling, []
         for outcome in outcomes:
-            self._reporter.publish(outcome)
+            self._reporter.transaction(outcome)
+        self._publish_states()
+
+    def _publish_states(self) -> None:
+        outcomes, self._unstated = self._unstated, []
+        for outcome in outcomes:
+            self._reporter.state(outcome)
             # Before the first error byte there is none that could end.
             self._alerts = self._alerts or outcome.answers.has_errors
             if self._alerts:

@@ -52,16 +52,25 @@ class Reporter:
 
     def publish(self, outcome: Outcome) -> Transaction:
         """One transaction and what the servos said in it."""
+        # One right after the other: Zenoh then sends both in one go.
+        transaction = self.transaction(outcome)
+        self.state(outcome)
+        return transaction
+
+    def transaction(self, outcome: Outcome) -> Transaction:
+        """The bytes and their times."""
         self._counters.count(outcome)
         transaction = outcome.message(self._node.clock.stamp_ns(0))
-        servos = self.decoder.states(outcome.instruction, outcome.answers)
-        # One right after the other: Zenoh then sends both in one go.
         self._transactions.put(transaction)
+        return transaction
+
+    def state(self, outcome: Outcome) -> None:
+        """What the servos said, if they said anything of themselves."""
+        servos = self.decoder.states(outcome.instruction, outcome.answers)
         if servos:
             # The values are of the time at which the request had reached all servos.
             stamp = self._node.clock.stamp_ns(outcome.sent_ns)
             self._states.put(BusState(stamp=stamp, servos=servos))
-        return transaction
 
     def cycle(self, took_ns: int) -> None:
         """A cycle's reads took so long."""

@@ -1,6 +1,7 @@
 """Mode poll on a real pseudo-terminal, with servos that go silent and adapters that come out."""
 
 import signal
+from itertools import groupby
 from pathlib import Path
 
 import msgspec
@@ -10,7 +11,7 @@ from tests.conftest import wait_until
 from tests.gateway.conftest import IDS, Bus, StartGateway
 from wackel_node.config import BusConfig
 from wackel_schemas import keys
-from wackel_schemas.bus import BusCommand, BusReply, BusRequest, ServoGoal
+from wackel_schemas.bus import BusCommand, BusReply, BusRequest, BusState, ServoGoal, Transaction
 
 pytestmark = pytest.mark.process
 
@@ -64,6 +65,33 @@ def test_whatever_travels_with_what_is_told_in_the_order_of_the_bus(
     assert stamps == sorted(stamps)
     numbers = [t.seq for t in gateway.transactions]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+
+
+def test_transactions_without_news_travel_together_states_and_trouble_do_not_wait(
+    bus: Bus, start_gateway: StartGateway
+) -> None:
+    gateway = start_gateway(msgspec.structs.replace(bus.config, rate=200.0))
+    gateway.wait_until(gateway.answering(IDS))
+    told: list[BusState | Transaction] = []
+    gateway.link.subscribe(keys.STATE, lambda _, state: told.append(state))
+    gateway.link.subscribe(keys.TRANSACTION, lambda _, transaction: told.append(transaction))
+
+    def together() -> bool:
+        kinds = [isinstance(message, BusState) for message in told]
+        runs = [len(list(run)) for is_state, run in groupby(kinds) if is_state]
+        return max(runs, default=0) > 2
+
+    gateway.wait_until(together)
+    bus.inject("silent", servo=3)
+
+    def missed() -> list[Transaction]:
+        cycles = [t for t in told if isinstance(t, Transaction) and 3 in t.expected]
+        return [t for t in cycles if 3 not in {answer.id for answer in t.response_times}]
+
+    gateway.wait_until(lambda: bool(missed()))
+    first = missed()[0]
+    before = [each for each in told[: told.index(first)] if isinstance(each, BusState)]
+    assert all(state.stamp < first.stamp for state in before)
 
 
 def test_a_silent_servo_costs_the_others_at_most_one_cycle(
