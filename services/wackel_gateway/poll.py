@@ -58,7 +58,6 @@ class Poller:
         )
         self._processor_wait = ProcessorWait()
         self._exchange: Exchange | None = None
-        self._unpublished: Outcome | None = None
         self._brisk = config.rate * _TRAVELS_WITHIN_NS >= 1e9
         # In order; published with the next that cannot wait: states, and transactions.
         self._unstated: list[Outcome] = []
@@ -102,45 +101,44 @@ class Poller:
                 if late is not None:
                     self._publish_all()
                     self._reporter.publish(late)
-                self._unpublished = outcome = exchange.gather()
+                outcome = exchange.gather()
                 if outcome.late:
                     waited_ns = self._processor_wait.total_ns() - waited_before_ns
                     outcome.host_lag_ns = max(outcome.host_lag_ns, waited_ns)
+                self._unstated.append(outcome)
+                self._travelling.append(outcome)
                 if _is_trouble(outcome):
-                    self._publish()  # now, and not behind what comes next
+                    self._trouble_ns = outcome.ended_ns
+                    # Now, not behind what comes next, nor beside states, whose readers would
+                    # keep the processor from the classifier.
+                    self._publish_transactions()
                 self._done(job, outcome)
         finally:
             self._exchange = None
             self._publish_all()
 
     def _publish(self) -> None:
-        """Publishes of the last outcome, and of those before it, what cannot wait."""
-        outcome, self._unpublished = self._unpublished, None
-        if outcome is None:
+        """Publishes what cannot wait."""
+        if not self._unstated:
             return
-        self._unstated.append(outcome)
-        self._travelling.append(outcome)
-        if _is_trouble(outcome):
-            self._trouble_ns = outcome.ended_ns
+        newest = self._unstated[-1]
         if (
             not self._brisk
-            or outcome.ended_ns - self._trouble_ns < _SUSPECT_NS
-            or outcome.ended_ns - self._travelling[0].ended_ns >= _TRAVELS_WITHIN_NS
+            or newest.ended_ns - self._trouble_ns < _SUSPECT_NS
+            or newest.ended_ns - self._travelling[0].ended_ns >= _TRAVELS_WITHIN_NS
         ):
             self._publish_all()
-        elif outcome.purpose != "background":
+        elif newest.purpose != "background":
             self._publish_states()
 
     def _publish_all(self) -> None:
-        if self._unpublished is not None:
-            self._unstated.append(self._unpublished)
-            self._travelling.append(self._unpublished)
-            self._unpublished = None
-        # First what tells of faults.
+        self._publish_transactions()
+        self._publish_states()
+
+    def _publish_transactions(self) -> None:
         outcomes, self._travelling = self._travelling, []
         for outcome in outcomes:
             self._reporter.transaction(outcome)
-        self._publish_states()
 
     def _publish_states(self) -> None:
         outcomes, self._unstated = self._unstated, []
