@@ -6,6 +6,7 @@ from wackel_gateway.commands import Refused, writes
 from wackel_gateway.exchange import Exchange
 from wackel_gateway.gyro import BusGyro
 from wackel_gateway.management import Management
+from wackel_gateway.outbox import Outbox
 from wackel_gateway.outcome import Outcome
 from wackel_gateway.patience import Patience
 from wackel_gateway.port import Port, PortLost
@@ -24,11 +25,6 @@ from wackel_schemas.wire import Rejected
 
 _LOOK_S = 0.2  # at a rate of few cycles a second, a port that is gone shall still show at once
 _PUMP_NS = 5_000_000  # where cycles leave no pause, the node's messages get a turn so often
-_TRAVELS_WITHIN_NS = 20_000_000
-"""A message wakes its readers, which costs more than to read it. What is as it should be waits so
-long for others to travel with; the state of a cycle, by which robots are controlled, never does."""
-_SUSPECT_NS = 1_000_000_000
-"""For so long after anything that is not as it should be, every answer is news to a diagnosis."""
 _OF_A_CYCLE = (Stage.COMMAND, Stage.CYCLE, Stage.PLAIN, Stage.REST, Stage.DEVICE)
 
 
@@ -58,11 +54,7 @@ class Poller:
         )
         self._processor_wait = ProcessorWait()
         self._exchange: Exchange | None = None
-        self._brisk = config.rate * _TRAVELS_WITHIN_NS >= 1e9
-        # In order; published with the next that cannot wait: states, and transactions.
-        self._unstated: list[Outcome] = []
-        self._travelling: list[Outcome] = []
-        self._trouble_ns = 0  # when there last was any
+        self._outbox = Outbox(reporter.transaction, self._state)
         self._models: dict[int, int | None] = {}
         self._alerts = False  # whether any servo has ever set an error byte
         self._cycle = 0
@@ -76,7 +68,7 @@ class Poller:
         keep_open(self._node, self._config, self._reporter, self._poll)
 
     def _poll(self, port: Port) -> None:
-        node, schedule = self._node, self._schedule
+        node, schedule, outbox = self._node, self._schedule, self._outbox
         patience = Patience(port.baud_rate, port.latency_timer_ms)
         exchange = self._exchange = Exchange(port, patience, lambda: node.stopping)
         schedule.restart(monotonic_ns())
@@ -86,8 +78,9 @@ class Poller:
                 now = monotonic_ns()
                 job = schedule.next(now)
                 if job is None:
-                    self._publish()
-                    node.pump(max(0.0, (schedule.due_ns - monotonic_ns()) / 1e9))
+                    outbox.release(now)
+                    due_ns = min(schedule.due_ns, outbox.due_ns or schedule.due_ns)
+                    node.pump(max(0.0, (due_ns - monotonic_ns()) / 1e9))
                     pumped_ns = now
                     continue
                 if now - pumped_ns > _PUMP_NS:
@@ -97,59 +90,29 @@ class Poller:
                 waited_before_ns = self._processor_wait.total_ns() if len(job.ids) == 1 else 0
                 exchange.send(job.purpose, job.instruction)
                 # The time on the wire is used to publish what came before.
-                self._publish()
+                outbox.release(monotonic_ns())
                 if late is not None:
-                    self._publish_all()
+                    outbox.release_all()
                     self._reporter.publish(late)
                 outcome = exchange.gather()
                 if outcome.late:
                     waited_ns = self._processor_wait.total_ns() - waited_before_ns
                     outcome.host_lag_ns = max(outcome.host_lag_ns, waited_ns)
-                self._unstated.append(outcome)
-                self._travelling.append(outcome)
-                if _is_trouble(outcome):
-                    self._trouble_ns = outcome.ended_ns
-                    # Now, not behind what comes next, nor beside states, whose readers would
-                    # keep the processor from the classifier.
-                    self._publish_transactions()
+                outbox.add(outcome)
                 self._done(job, outcome)
         finally:
             self._exchange = None
-            self._publish_all()
+            outbox.release_all()
 
-    def _publish(self) -> None:
-        """Publishes what cannot wait."""
-        if not self._unstated:
-            return
-        newest = self._unstated[-1]
-        if (
-            not self._brisk
-            or newest.ended_ns - self._trouble_ns < _SUSPECT_NS
-            or newest.ended_ns - self._travelling[0].ended_ns >= _TRAVELS_WITHIN_NS
-        ):
-            self._publish_all()
-        elif newest.purpose != "background":
-            self._publish_states()
-
-    def _publish_all(self) -> None:
-        self._publish_transactions()
-        self._publish_states()
-
-    def _publish_transactions(self) -> None:
-        outcomes, self._travelling = self._travelling, []
-        for outcome in outcomes:
-            self._reporter.transaction(outcome)
-
-    def _publish_states(self) -> None:
-        outcomes, self._unstated = self._unstated, []
-        for outcome in outcomes:
-            self._reporter.state(outcome)
-            # Before the first error byte there is none that could end.
-            self._alerts = self._alerts or outcome.answers.has_errors
-            if self._alerts:
-                self._schedule.heard(outcome.answers)
-            if outcome.instruction in self._gyros and not outcome.answers.missing:
-                self._sense(outcome)
+    def _state(self, outcome: Outcome) -> None:
+        """Publishes it, and takes notice of alerts in it."""
+        self._reporter.state(outcome)
+        # Before the first error byte there is none that could end.
+        self._alerts = self._alerts or outcome.answers.has_errors
+        if self._alerts:
+            self._schedule.heard(outcome.answers)
+        if outcome.instruction in self._gyros and not outcome.answers.missing:
+            self._sense(outcome)
 
     def _sense(self, outcome: Outcome) -> None:
         """A gyro has answered."""
@@ -208,7 +171,7 @@ class Poller:
 
     def _request(self, request: BusRequest) -> BusReply:
         """Runs between two transactions: the node's handlers are only called there."""
-        self._publish_all()
+        self._outbox.release_all()
         now = self._node.clock.now_ns()
         try:
             if self._exchange is None:
@@ -221,8 +184,3 @@ class Poller:
         except PortLost as lost:
             logger.warning("request: %s", lost)
             return BusReply(stamp=now, ok=False, text=str(lost))
-
-
-def _is_trouble(outcome: Outcome) -> bool:
-    """Whether anything is not as it should be."""
-    return not outcome.answers.clean or outcome.answers.has_errors

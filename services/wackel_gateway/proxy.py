@@ -14,10 +14,12 @@ from time import monotonic, monotonic_ns, sleep
 
 from wackel_gateway.commands import Refused
 from wackel_gateway.forward import MAX_RECORD, STOP, Kind, Record, Task
+from wackel_gateway.outbox import Outbox
 from wackel_gateway.patience import Patience
 from wackel_gateway.reporter import Reporter
 from wackel_gateway.retry import Retry
 from wackel_gateway.segment import Segmenter
+from wackel_gateway.turns import turn_ms
 from wackel_node.config import BusConfig, ConfigError
 from wackel_node.log import logger
 from wackel_node.node import Node
@@ -28,7 +30,6 @@ _START_S = 10.0  # Python and pyserial on a small computer under load
 _STOP_S = 0.5
 _LOOK_S = 0.005
 _GATHER_S = 0.001  # the records of one transaction in one go, not waking up for each of them
-_TURN_MS = 100  # the node's own messages wait at most so long for their turn
 _NOT_MASTER = Refused("not the master", "the bus belongs to the software that opened the port")
 
 
@@ -39,6 +40,7 @@ class Proxy:
         self._node = node
         self._task = Task(config.port, config.baud_rate, config.proxy_port)
         self._reporter = reporter
+        self._outbox = Outbox(reporter.transaction, reporter.state)
         self._segmenter = Segmenter(Patience(config.baud_rate), config.baud_rate)
         self._latency_timer_ms: int | None = None
         node.subscribe(keys.COMMAND, lambda *_: reporter.refused("command", _NOT_MASTER), bus=bus)
@@ -50,6 +52,7 @@ class Proxy:
         while not self._node.stopping:
             with attach(self._task) as forwarder:
                 self._read(forwarder)
+                self._outbox.release_all()
                 if self._node.stopping:
                     stop(forwarder)
                     return
@@ -61,11 +64,7 @@ class Proxy:
         waiting = select.poll()
         waiting.register(forwarder.fileno(), select.POLLIN)
         while not self._node.stopping:
-            due_ns = self._segmenter.due_ns
-            turn_ms = _TURN_MS
-            if due_ns is not None:
-                turn_ms = max(0, min(turn_ms, -((monotonic_ns() - due_ns) // 1_000_000)))
-            if waiting.poll(turn_ms):
+            if waiting.poll(turn_ms(self._segmenter.due_ns, self._outbox.due_ns)):
                 sleep(_GATHER_S)
             now = monotonic_ns()
             while True:
@@ -77,7 +76,8 @@ class Proxy:
                     return
                 self._take(Record.decode(data))
             for outcome in self._segmenter.idle(now):
-                self._reporter.publish(outcome)
+                self._outbox.add(outcome)
+            self._outbox.release(now)
             self._node.pump()
 
     def _take(self, record: Record) -> None:
@@ -90,7 +90,7 @@ class Proxy:
             self._notice(kind, json.loads(payload))
             return
         for outcome in outcomes:
-            self._reporter.publish(outcome)
+            self._outbox.add(outcome)
 
     def _notice(self, kind: Kind, values: dict[str, object]) -> None:
         match kind, values:

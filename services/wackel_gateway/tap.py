@@ -3,17 +3,18 @@
 from time import monotonic_ns
 
 from wackel_gateway.commands import Refused
+from wackel_gateway.outbox import Outbox
 from wackel_gateway.patience import Patience
 from wackel_gateway.port import Port, PortLost
 from wackel_gateway.reporter import Reporter
 from wackel_gateway.retry import keep_open
 from wackel_gateway.segment import Segmenter
+from wackel_gateway.turns import turn_ms
 from wackel_node.config import BusConfig
 from wackel_node.node import Node
 from wackel_schemas import keys
 from wackel_schemas.bus import BusReply, BusRequest
 
-_TURN_MS = 100  # the node's own messages wait at most so long for their turn
 _ONLY_LISTENS = Refused("not the master", "this gateway only listens")
 
 
@@ -34,22 +35,22 @@ class Tap:
     def _listen(self, port: Port) -> None:
         patience = Patience(port.baud_rate, port.latency_timer_ms)
         segmenter = Segmenter(patience, port.baud_rate)
-        publish = self._reporter.publish
-        while not self._node.stopping:
-            due_ns = segmenter.due_ns
-            turn_ms = _TURN_MS
-            if due_ns is not None:
-                turn_ms = max(0, min(turn_ms, -((monotonic_ns() - due_ns) // 1_000_000)))
-            if port.wait(turn_ms):
-                data = port.read()
-                if not data:
-                    raise PortLost("it was closed from the other side")
-                for outcome in segmenter.both(monotonic_ns(), data):
-                    publish(outcome)
-            else:
-                for outcome in segmenter.idle(monotonic_ns()):
-                    publish(outcome)
-            self._node.pump()
+        outbox = Outbox(self._reporter.transaction, self._reporter.state)
+        try:
+            while not self._node.stopping:
+                if port.wait(turn_ms(segmenter.due_ns, outbox.due_ns)):
+                    data = port.read()
+                    if not data:
+                        raise PortLost("it was closed from the other side")
+                    outcomes = segmenter.both(monotonic_ns(), data)
+                else:
+                    outcomes = segmenter.idle(monotonic_ns())
+                for outcome in outcomes:
+                    outbox.add(outcome)
+                outbox.release(monotonic_ns())
+                self._node.pump()
+        finally:
+            outbox.release_all()
 
     def _request(self, _: BusRequest) -> BusReply:
         self._reporter.refused("request", _ONLY_LISTENS)
