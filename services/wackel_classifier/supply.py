@@ -137,12 +137,14 @@ class Supply:
             greatest = known
         self._stepped = greatest
         drop = drops[greatest]
+        if not kept and drop < STEP_V:
+            return None
         others = median(abs(d) for i, d in enumerate(drops) if i != greatest) if drops[1:] else 0.0
         behind = along[greatest + 1 :]
         before = along[greatest]
         # What lies behind is lower than what lies before, and none of it stands out.
         stands_out = max(behind) > before - max(drop, STEP_V) / 2
-        if not kept and (drop < max(STEP_V, STEP_RATIO * others) or stands_out):
+        if not kept and (drop < STEP_RATIO * others or stands_out):
             return None
         # Cable k leads to servo k; seen from the far end, from it to the servo before.
         first = greatest + 1 if chain.power == "adapter" else len(chain) - 2 - greatest

@@ -114,7 +114,8 @@ class _Drift:
         """Takes in a difference from the peers."""
         if len(self.first) < DRIFT_BASELINE:
             self.first.append(difference_ns)
-            self.usual_ns = median(self.first)
+            if len(self.first) == DRIFT_BASELINE:
+                self.usual_ns = median(self.first)
             return
         moved_ns = max(-LEAST_LATE_NS, min(difference_ns - self.usual_ns, LEAST_LATE_NS))
         if not self.excess_ns:
