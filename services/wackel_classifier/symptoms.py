@@ -145,7 +145,7 @@ def _by_places(expectation: Expectation, answers: Answers, data: bytes) -> Sympt
         if place < turn:
             continue  # somebody who was not asked, or a second answer
         if gap or place > turn:
-            unheard = _missing(outcomes, turn, place)
+            unheard = _missing(outcomes, turn, place) if place > turn else []
             _judge_gap(symptoms, expectation.lengths, unheard, gap, data, followed=True)
             gap = []
         turn = place + 1

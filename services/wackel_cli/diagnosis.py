@@ -155,6 +155,8 @@ class Diagnosis:
             return False
         message = wire.decode(payload, topic.message)
         match message:
+            case Transaction():  # most are
+                self.transactions += 1
             case Inputs():
                 service = self.services[chunk_of(topic, key, "service")]
                 service.seen = True
@@ -173,8 +175,6 @@ class Diagnosis:
                 # Those that are concluded anew count; this tells when they were taken in.
                 self._recorded_exclusions.add((message.boot, message.seq))
                 return False
-            case Transaction():
-                self.transactions += 1
         if self.first_ns is None and isinstance(message, Transaction | BusState):
             self.first_ns = message.stamp
         readers = self._readers.get(key)

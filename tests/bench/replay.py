@@ -1,10 +1,12 @@
 """How fast a recording of a live robot with faults is diagnosed anew, and whether it is the same.
 
 The recording is made first, by the recorder beside all services; half of it is faults. *Cores* is
-what ``wackel replay`` does after its start, in this process and by its CPU time; *bus* is the same
-without the drive; *command* is the whole command as a person runs it, by the clock.
+what ``wackel replay`` does after its start, in this process and by its CPU time, the least of some
+runs, since whatever else the computer does only adds to it; *bus* is the same without the drive;
+*command* is the whole command as a person runs it, by the clock.
 """
 
+import math
 import subprocess
 import sys
 import tempfile
@@ -24,6 +26,7 @@ from wackel_node.garbage import collect_rarely
 from wackel_recording.reader import open_recordings
 
 _FAULTS = (("overload", 9), ("silent", 11), ("loose_contact", 15), ("rhythmic_jammer", None))
+_RUNS = 3
 _FAULT_S = 2.0  # how long each lasts; as long again nothing is wrong
 
 
@@ -74,12 +77,16 @@ def _live(robot: Robot, seconds: float) -> None:
 
 
 def _diagnose(files: list[Path], robot_config: RobotConfig) -> tuple[Diagnosis, float]:
-    diagnosis = Diagnosis(robot_config)
-    begin_s = time.process_time()
-    for recording in open_recordings(files):
-        for _ in diagnosis.run(recording.entries(diagnosis.wants)):
-            pass
-    return diagnosis, time.process_time() - begin_s
+    """What it finds, and the least CPU time that takes."""
+    took_s = math.inf
+    for _ in range(_RUNS):
+        diagnosis = Diagnosis(robot_config)
+        begin_s = time.process_time()
+        for recording in open_recordings(files):
+            for _ in diagnosis.run(recording.entries(diagnosis.wants)):
+                pass
+        took_s = min(took_s, time.process_time() - begin_s)
+    return diagnosis, took_s
 
 
 def _replay(files: list[Path]) -> tuple[subprocess.CompletedProcess[bytes], float]:

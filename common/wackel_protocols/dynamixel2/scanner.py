@@ -135,7 +135,9 @@ class Scanner:
             if umts(frame[:-2]) == frame[-2] | frame[-1] << 8:
                 if start > self._done:
                     self._settle(start, segments, final=True)
-                self._close_run(segments)
+                if self._run is not None:
+                    segments.append(self._run)
+                    self._run = None
                 packet = content(frame)
                 segments.append(Segment(_PACKET, start, end, packet, None, packet.id))
                 self._done = end
