@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from wackel_diagnoser.history import DRIVING_M_S, STANDING
 
 STANDS_S = 0.5
-"""For how long a wheel must have stood to be faulty whatever else moves: motors need a tenth of
-that to follow."""
+"""For how long a wheel must have stood while another rolled to be faulty: motors need a tenth of
+that to follow. Where all stand, one may hold all others, or the robot may have been stopped."""
 FOLLOWS = 0.25
 """Share of its speed by which a wheel that does what it is told may be off on average: a motor that
 pulls against a blocked wheel as hard as the tyre grips loses so much at half speed."""
@@ -48,20 +48,26 @@ class Standing:
             present: Whether its sensor was heard.
         """
         fade = math.exp(-seconds / FOLLOWING_S)
+        driven, moves, rests = [], False, True
         for roll, (should, does, known) in enumerate(zip(told, rolled, present, strict=True)):
+            rests &= not abs(should) > DRIVING_M_S
             if known and abs(should) > DRIVING_M_S:
                 stands = abs(does) < STANDING * abs(should)
-                self._stood_s[roll] = self._stood_s[roll] + seconds if stands else 0.0
+                driven.append((roll, stands))
+                moves |= not stands
                 self._off[roll] = fade * self._off[roll] + abs(does - should)
                 self._told[roll] = fade * self._told[roll] + abs(should)
+        for roll, stands in driven:
+            if not stands:
+                self._stood_s[roll] = 0.0
+            elif moves:
+                self._stood_s[roll] += seconds
+        if rests:  # how a wheel came to rest says nothing of how it leaves it
+            self._stood_s = [0.0] * len(self._stood_s)
 
     def rows(self) -> list[int]:
-        """Those that stand while others roll; if none of them rolls, it is no fault of a wheel."""
-        stand = [roll for roll, seconds in enumerate(self._stood_s) if seconds >= STANDS_S]
-        moves = any(
-            off < (1.0 - STANDING) * told for off, told in zip(self._off, self._told, strict=True)
-        )
-        return stand if moves else []
+        """Those that stand while others roll."""
+        return [roll for roll, seconds in enumerate(self._stood_s) if seconds >= STANDS_S]
 
     def follows(self, roll: int) -> bool:
         """Whether a wheel rolls as it is told."""

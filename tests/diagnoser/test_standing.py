@@ -48,6 +48,20 @@ def test_nothing_is_claimed_where_it_cannot_be_told(
     assert standing(told, rolled, present).rows() == []
 
 
+def test_where_one_wheel_holds_all_the_others_are_not_counted_as_standing() -> None:
+    wheels = standing((0.2, 0.2, 0.2), (0.0, 0.0, 0.0))
+    for _ in range(STANDS_STEPS // 2):
+        wheels.step((0.5, 0.5, 0.5), (0.0, 0.0, 0.5), STEP_S, (True,) * 3)
+    assert wheels.rows() == []
+
+
+def test_how_a_wheel_came_to_rest_is_no_evidence_when_it_rolls_again() -> None:
+    wheels = standing((0.5, 0.5, 0.5), (0.5, 0.0, 0.5))
+    assert wheels.rows() == [1]
+    wheels.step((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), STEP_S, (True,) * 3)
+    assert wheels.rows() == []
+
+
 def test_a_wheel_follows_that_loses_no_more_than_a_motor_under_load() -> None:
     wheels = standing((0.5, -0.5, 0.5), (0.45, -0.45, 0.3))
     assert [wheels.follows(roll) for roll in range(3)] == [True, True, False]
