@@ -44,6 +44,9 @@ EXAMINE_NS = 50_000_000
 """How often faults are looked at while one is suspected."""
 CALM = 1 / 3
 """Share of the alarm's limit up to which nothing is suspected."""
+LEAST_FORCED = 0.4
+"""Of the variance of what a manoeuvre adds, however little most of them do: slip that references
+force on a wheel is then below two standard deviations even if that one wheel takes all of it."""
 ACQUAINTED_S = 3.0
 """Of driving, in which lags and noise are learnt and no verdict is passed: half a dozen changes of
 speed."""
@@ -73,7 +76,7 @@ class Diagnoser:
         hypotheses = Hypotheses(layout, gyros)
         self._bank = Bank(hypotheses.spread)
         self._sensors = Scaling(rows.count, first=9.0, least=0.3)
-        self._manoeuvre = Scaling(rows.count, first=1.0, least=0.25)
+        self._manoeuvre = Scaling(rows.count, first=1.0, least=LEAST_FORCED)
         limit = threshold(len(hypotheses), RATE)
         self._sequential = Sequential(hypotheses.prior, hypotheses.explanation, limit)
         self._small = SmallFaults(layout, config, rows, gyros)

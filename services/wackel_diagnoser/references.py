@@ -61,6 +61,8 @@ FIRST_S = 5.0
 """Of driving, in which only is learnt how much the motion misses what is predicted."""
 MEMORY_S = 20.0
 """Of driving: calibration that fits an error a little shall not convict in an hour."""
+SAME_S = 3.0
+"""After which motion in one direction tells nothing new: calibration deceives while it lasts."""
 ONE_MOTION = 0.75
 """Of the limit, that motion in one direction may bring: another has to confirm it."""
 DIRECTIONS = np.array([each for each in product((-1, 0, 1), repeat=3) if each > (0, 0, 0)])
@@ -208,6 +210,7 @@ class ReferenceErrors:
             return
         each = self._from
         here = each[int(along.argmax())]
+        here *= 1.0 - stands_for / SAME_S
         here += np.clip(told, 0.0, np.minimum(ONE_MOTION * self._limit - here, MOST_TOLD))
         total = each.sum(axis=0)
         kept = 1.0 - stands_for / MEMORY_S + np.minimum(told, 0.0) / np.maximum(total, 1e-9)

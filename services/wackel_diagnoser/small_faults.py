@@ -53,6 +53,9 @@ AGREE = 3
 """Looks in a row that must name the same: those that a shock spoilt leave the first window."""
 SURER = 3.0
 """Logarithm of how much likelier another kind must be."""
+FORCED = 0.12
+"""Share of what calibration makes wheels contradict each other that shows otherwise than in other
+motions: which of them slip, friction decides."""
 YIELDS = 0.2
 """Share by which a wheel slips whose motor is too fast, 0.1 to 0.3; drives give way by the rest."""
 ACCURATE = {
@@ -120,8 +123,12 @@ class SmallFaults:
             accurate[getattr(constants, name)] = least
         self._least: Floats = np.max(np.abs(self._changes) * accurate, axis=1) ** 2
         self._prior = np.diag(constants.prior)
+        # By parameter: only rows on the twist contradict each other, less the three that it takes.
+        self._forced = np.zeros(constants.count)
+        self._forced[constants.kinds[0]] = FORCED**2 / max(rows.gyros.stop - 3, 1)
         self._scaling = Scaling(constants.count, first=2.0, least=0.05)
         self._normal = _Sums(constants.count)
+        self._usual = np.zeros(constants.count)
         self._driven = 0
         self.lag_s = 0.0
         self._configured = rows.configured
@@ -158,8 +165,10 @@ class SmallFaults:
     ) -> None:
         """Looks once."""
         normal, scaling = self._normal, self._scaling
-        covariance: Floats = np.asarray(np.linalg.inv(normal.information + self._prior))
-        usual = covariance @ normal.right
+        doubt = 1.0 + self._forced_slip(normal.information, self._usual)
+        known = normal.information / doubt[:, None]
+        covariance: Floats = np.asarray(np.linalg.inv(known + self._prior))
+        usual = self._usual = covariance @ (normal.right / doubt)
         off = right - information @ usual
         told = information.diagonal()
         squares = (
@@ -197,6 +206,15 @@ class SmallFaults:
             expected = usual**2 + covariance.diagonal()
             self.calibration = np.maximum(expected[: len(self._configured)], self._configured)
 
+    def _forced_slip(self, information: Floats, usual: Floats) -> Floats:
+        """Variance of the slip that calibration forces, by that of noise, for each parameter.
+
+        It does not become less with time: as long as the motion is the same, so is the slip.
+        """
+        errors = usual[: len(self._configured)]
+        contradiction = errors @ information[: len(errors), : len(errors)] @ errors
+        return np.asarray(float(contradiction) * self._forced)
+
     def _learn(self, information: Floats, right: Floats, seconds: float) -> None:
         normal, fade = self._normal, 1.0 - min(1.0, seconds / NORMAL_S)
         normal.information *= fade
@@ -207,7 +225,10 @@ class SmallFaults:
         """Follows what is found; returns the square of the surest change, by its variance."""
         top, found, now = 0.0, self.found, None
         for window, looks in zip(self._windows, WINDOWS, strict=True):
-            tests = _Tests(self._changes, window, usual, covariance, self._least)
+            forced = self._forced_slip(window.information, usual)
+            tests = _Tests(
+                self._changes, window, usual, covariance, least=self._least, forced=forced
+            )
             top = max(top, float(tests.sure.max()))
             if found is not None and window is self._windows[0] and self._ended(tests, found):
                 self.forget()
@@ -278,13 +299,20 @@ class _Tests:
     """
 
     def __init__(
-        self, changes: Floats, window: _Sums, usual: Floats, covariance: Floats, least: Floats
+        self,
+        changes: Floats,
+        window: _Sums,
+        usual: Floats,
+        covariance: Floats,
+        *,
+        least: Floats,
+        forced: Floats,
     ) -> None:
         self._changes, self._window, self.usual = changes, window, usual
         by_change = changes @ window.information
         told = np.maximum(np.vecdot(by_change, changes), 1e-9)
         # Of what is not known of the normal, so much looks like a change.
-        self._spread = told + np.vecdot(by_change @ covariance, by_change)
+        self._spread = told + np.vecdot(by_change @ covariance + forced * changes, by_change)
         for_it = changes @ (window.right - window.information @ usual)
         self.size = for_it / told
         self.variance = self._spread / told**2 + least

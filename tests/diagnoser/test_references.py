@@ -91,6 +91,12 @@ def test_a_floor_on_which_all_wheels_roll_hard_is_no_wrong_zero() -> None:
     assert rig.reports == []
 
 
+def test_bad_calibration_that_deceives_for_as_long_as_a_motion_lasts_is_no_wrong_zero() -> None:
+    rig = Rig.of("judge/mujoco/4/lines/0", 4, worse=3.0, physics="mujoco", driving="lines")
+    rig.drive(23.0)
+    assert rig.reports == []
+
+
 @pytest.mark.parametrize("count", [3, 4])
 def test_a_wrong_zero_is_named_with_its_angle_and_excluded(count: int) -> None:
     rig = Rig.of("tune/zero", count)

@@ -146,6 +146,12 @@ def test_a_gyro_that_jumps_is_found_at_rest() -> None:
     assert small.found.size == pytest.approx(0.02, rel=0.2)
 
 
+def test_slip_that_bad_calibration_forces_is_no_change() -> None:
+    rig = Rig.of("judge8/healthy/3/3/15", 3, worse=3.0)
+    rig.drive(45.5)  # to the first long curve
+    assert rig.reports == []
+
+
 @pytest.fixture(scope="module")
 def warm() -> Rig:
     rig = Rig.of("tune/small")
