@@ -24,8 +24,8 @@ AGAINST = 30.0
 """Of one look's evidence: a motor that has nothing to do now may have in a moment, but one that
 pushes is not idle."""
 WORKS = 9.0
-"""How many times the noise, as squares, motors must usually need for it to be told that one does
-not: three standard deviations. On even ground at an even speed they do not."""
+"""How many times the noise, as squares, motors must need for it to be told that one does not: three
+standard deviations, usually or to accelerate now. On even ground at an even speed they do not."""
 LONG_S = 20.0
 BURST = 9.0
 """What is usual is followed over so long; what is more than so many times that counts as so much,
@@ -101,7 +101,8 @@ class IdleMotors:
             told = math.log(driving / idle)
             told += rest[i] * rest[i] / driving - alone[i] * alone[i] / idle
             # At an even speed wheels push each other as they did before: nothing new.
-            if told > 0.0 and (mean < WORKS * NOISE**2 or abs(inertias[i]) < NOISE):
+            works = max(mean, inertias[i] * inertias[i]) >= WORKS * NOISE**2
+            if told > 0.0 and not (works and abs(inertias[i]) >= NOISE):
                 told = 0.0
             sums[i] += INDEPENDENT * min(max(0.5 * told, -AGAINST), FOR)
             sums[i] = min(max(sums[i], 0.0), most)
