@@ -44,9 +44,9 @@ EXAMINE_NS = 50_000_000
 """How often faults are looked at while one is suspected."""
 CALM = 1 / 3
 """Share of the alarm's limit up to which nothing is suspected."""
-LEAST_FORCED = 0.4
+LEAST_FORCED = 0.33
 """Of the variance of what a manoeuvre adds, however little most of them do: slip that references
-force on a wheel is then below two standard deviations even if that one wheel takes all of it."""
+force is then about two standard deviations where one wheel takes all of it."""
 ACQUAINTED_S = 3.0
 """Of driving, in which lags and noise are learnt and no verdict is passed: half a dozen changes of
 speed."""
