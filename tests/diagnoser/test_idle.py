@@ -63,6 +63,28 @@ def drive_evenly(motors: IdleMotors, seconds: float, blocked: int | None = None)
         motors.step(LOOK_S, [0.3] * 4, current.tolist(), NEEDS, [0.009**2] * 4)
 
 
+def test_on_even_ground_the_first_change_of_speed_tells() -> None:
+    motors = IdleMotors(4, 1 / LOOK_S)
+    rng = np.random.default_rng(3)
+    acceleration = 1.0
+
+    def drive(idle: int | None) -> None:
+        """Evenly, then faster for a second."""
+        drive_evenly(motors, 5.0)
+        for step in range(round(1.2 / LOOK_S)):
+            speed = 0.3 + step * LOOK_S * acceleration
+            load = np.full(4, NEEDS[1] * acceleration)
+            if idle is not None:
+                load[idle] = 0.0
+            current = NEEDS[0] * speed + load + rng.normal(0.0, 0.003, 4)
+            motors.step(LOOK_S, np.full(4, speed), current, NEEDS, np.full(4, 0.009**2))
+
+    drive(idle=None)
+    assert not any(motors.found)
+    drive(idle=2)
+    assert motors.found == [False, False, True, False]
+
+
 def test_motors_that_hardly_work_are_not_idle_nor_is_one_that_was_blocked() -> None:
     motors = IdleMotors(4, 1 / LOOK_S)
     drive_evenly(motors, 300.0)
