@@ -15,15 +15,16 @@ from wackel_kinematics.array import Floats
 
 INDEPENDENT = 0.25
 """ρ: share of a step's evidence that is new; residuals correlate over some four steps."""
-BOUND = 5.5
-"""Of one step's evidence; an alarm then needs four steps at least."""
+BOUND = 6.0
+"""Of one step's evidence; an alarm then needs four steps at least, from two wheels to eight."""
 FALSE_ALARM_S = 100 * 3600.0
 """Designed mean time between false alarms."""
 WORST = 8.0
 """By how much a step may count against a hypothesis beside the best of that step."""
-DEEPEST = 26.0
+DEEPEST = 20.0
 """And by how much all steps together: an hour without a fault is no evidence against one now. More
-than the smallest prior, or nothing could be overcome."""
+than the smallest prior, or nothing could be overcome; with that of a single fault, less than the
+four steps that an alarm takes can say."""
 MEMORY_S = 0.35
 """Of isolation: what a fault looks like changes with the motion, which changes within a second."""
 LEAD = 3.0
