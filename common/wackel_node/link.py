@@ -1,7 +1,8 @@
 """A process's link to the robot's topics: Zenoh session, typed publishing, subscribing, asking.
 
-Zenoh calls back on its own threads; a :class:`Link` only queues there and runs every handler on
-the thread that calls :meth:`Link.pump`, so services have one thread and need no locks.
+Zenoh calls back on its own threads. There a :class:`Link` only queues; handlers and timers run in
+turns, one at a time, so services need no locks: on the thread that calls :meth:`Link.pump`, or,
+between :meth:`Link.handle_at_once` and its end, on the one that has received a message.
 """
 
 import ctypes
@@ -13,7 +14,8 @@ import random
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from operator import itemgetter
 from types import TracebackType
 from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar
@@ -206,15 +208,14 @@ def _keep_thread_state() -> None:
 class _Inbox:
     """What one subscription or query has received and its handler has not yet seen."""
 
-    def __init__(self, keep: str, deliver: Callable[[Any], None], wake: Callable[[Any], None]):
+    def __init__(self, keep: str, deliver: Callable[[Any], None], came: Callable[[], None]):
         self.deliver = deliver
         self.overrun = 0
         self._depth = _DEPTH[keep]
         self._items: deque[_Arrival] = deque()
         self._bytes = 0
         self._lock = threading.Lock()
-        self._wake = wake
-        self._woken = False
+        self._came = came
 
     def add(self, item: Any, size: int = 0) -> None:  # on a Zenoh thread
         _keep_thread_state()
@@ -224,16 +225,13 @@ class _Inbox:
             while len(self._items) > self._depth or self._bytes > _MOST_WAITING:
                 self._bytes -= self._items.popleft()[-1]
                 self.overrun += 1
-            woken, self._woken = self._woken, True
-        if not woken:
-            self._wake(self)
+        self._came()
 
     def take(self) -> deque[_Arrival]:
-        """What is there now; what comes meanwhile wakes again, so a flood starves none."""
+        """What is there now; what comes meanwhile is for the next turn, so a flood starves none."""
         with self._lock:
             items, self._items = self._items, deque()
             self._bytes = 0
-            self._woken = False
         return items
 
 
@@ -258,7 +256,12 @@ class Link:
         self.arrived_ns = 0
         self._prefix = f"{ROOT}/{config.robot}/"
         self._inboxes: list[_Inbox] = []
-        self._wake: queue.SimpleQueue[_Inbox | None] = queue.SimpleQueue()
+        self._wake: queue.SimpleQueue[bool] = queue.SimpleQueue()  # whether by :meth:`wake`
+        self._woken = False  # so that of many messages one wakes
+        self._turns = threading.Lock()
+        self._whose = 0  # turn it is: the thread's identity, or 0
+        self._at_once = False
+        self._failure: BaseException | None = None  # of a turn on another thread
         self._entities: list[Any] = []  # a subscriber that is garbage collected is undeclared
         self._last_seen: dict[str, tuple[int, int]] = {}
         self._warned: dict[str, float] = {}
@@ -324,7 +327,9 @@ class Link:
             else:
                 handler(key, payload)
 
-        inbox = self._inbox(topic.keep, deliver)
+        # Zenoh holds a lock of its own while it delivers a latched value.
+        came = self._came if topic.latched else self._came_at_once
+        inbox = self._inbox(topic.keep, deliver, came)
 
         def on_sample(sample: zenoh.Sample) -> None:
             payload, size = sample.payload, len(sample.payload)
@@ -430,13 +435,84 @@ class Link:
         now = time.monotonic()
         limit = now + timeout_s
         while True:
-            if now >= self._due:
-                self._run_timers(now)
-                now = time.monotonic()
-            handled = self._deliver(min(limit, self._due) - now)
+            called = self._wait(min(limit, self._due) - now)
+            if self._failure is not None:
+                raise self._failure
             now = time.monotonic()
-            if handled or now >= limit:
-                return handled
+            if called is not None or now >= self._due:
+                with self._turns:
+                    handled = self._turn()
+                if handled or called:
+                    return True
+                now = time.monotonic()
+            if now >= limit:
+                return False
+
+    @contextmanager
+    def handle_at_once(self) -> Iterator[None]:
+        """Within it, a message is handled by the thread of Zenoh's that received it.
+
+        That saves waking another for it, which takes longer than what most handlers do. Somebody
+        still has to call :meth:`pump`, for timers and all else, and gets what a handler raises.
+        Not for handlers that wait: nothing is received meanwhile.
+        """
+        self._at_once = True
+        with self._turns:  # for what came before
+            self._turn()
+        try:
+            yield
+        finally:
+            with self._turns:
+                self._at_once = False
+
+    def _came(self) -> None:
+        """Something is in an inbox; on a thread of Zenoh's."""
+        if not self._woken:
+            self._woken = True
+            self._wake.put(False)
+
+    def _came_at_once(self) -> None:
+        """As :meth:`_came`, where a turn may be taken."""
+        # What a handler publishes can come back to itself: it is for the next turn.
+        if not self._at_once or self._whose == threading.get_ident():
+            self._came()
+            return
+        with self._turns:
+            if not self._at_once or self._failure is not None:
+                return
+            try:
+                self._turn()
+            except BaseException as failure:  # it ends the service, not Zenoh's thread
+                self._failure = failure
+                self.wake()
+
+    def _wait(self, timeout_s: float) -> bool | None:
+        """Until a message wakes, or :meth:`wake`; whether it was that, and ``None`` if neither."""
+        called = None
+        try:
+            if timeout_s > 0:
+                called = self._wake.get(timeout=timeout_s)
+            while True:
+                called = self._wake.get_nowait() or called or False
+        except queue.Empty:
+            return called
+
+    def _turn(self) -> bool:
+        """Runs due timers and the handlers of what is there; whether there was anything."""
+        self._whose = threading.get_ident()
+        try:
+            if (now := time.monotonic()) >= self._due:
+                self._run_timers(now)
+            self._woken = False  # before looking, so that nothing comes unseen
+            arrived = [each for inbox in self._inboxes for each in inbox.take()]
+            # In the order of arrival, whatever the topic: a core gets what a recorder recorded.
+            arrived.sort(key=itemgetter(0))
+            # No more than what is there now: timers are due even in a flood.
+            for self.arrived_ns, origin, item, _ in arrived:
+                origin.deliver(item)
+            return bool(arrived)
+        finally:
+            self._whose = 0
 
     def _run_timers(self, now: float) -> None:
         for timer in self._timers:
@@ -445,28 +521,14 @@ class Link:
                 timer[2]()
         self._due = min(timer[0] for timer in self._timers)
 
-    def _deliver(self, timeout_s: float) -> bool:
-        if timeout_s <= 0 and self._wake.empty():
-            return False
-        try:
-            woken = [self._wake.get(timeout=max(0.0, timeout_s))]
-        except queue.Empty:
-            return False
-        # No more than what is there now: timers are due even in a flood.
-        woken += [self._wake.get_nowait() for _ in range(self._wake.qsize())]
-        arrived = [each for inbox in woken if inbox is not None for each in inbox.take()]
-        # In the order of arrival, whatever the topic: a core gets what a recorder recorded.
-        arrived.sort(key=itemgetter(0))
-        for self.arrived_ns, origin, item, _ in arrived:
-            origin.deliver(item)
-        return True
-
     def wake(self) -> None:
         """Makes a waiting :meth:`pump` return soon; safe from signal handlers and threads."""
-        self._wake.put(None)
+        self._wake.put(True)
 
-    def _inbox(self, keep: str, deliver: Callable[[Any], None]) -> _Inbox:
-        inbox = _Inbox(keep, deliver, self._wake.put)
+    def _inbox(
+        self, keep: str, deliver: Callable[[Any], None], came: Callable[[], None] | None = None
+    ) -> _Inbox:
+        inbox = _Inbox(keep, deliver, came or self._came)
         self._inboxes.append(inbox)
         return inbox
 

@@ -112,8 +112,9 @@ class Node(Link):
 
     def run(self) -> None:
         """Handles messages and timers until a signal or :meth:`stop`."""
-        while not self.stopping:
-            self.pump(HEARTBEAT_S)
+        with self.handle_at_once():
+            while not self.stopping:
+                self.pump(HEARTBEAT_S)
 
     def stop(self) -> None:
         """Ends :meth:`run` soon; safe from handlers and signal handlers."""

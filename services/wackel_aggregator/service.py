@@ -55,15 +55,20 @@ def run(config: RobotConfig) -> None:
 
         def on_fault(key: str, report: FaultReport) -> None:
             core.report(report, keys.chunk_of(keys.FAULT, key, "source"), clock.instant())
+            publish()
 
         def on_heartbeat(key: str, beat: Heartbeat) -> None:
             core.heartbeat(key.removeprefix("alive/"), beat, clock.instant())
+            publish()
 
         def on_alive(name: str, alive: bool) -> None:
             core.alive(name, alive, clock.instant())
+            publish()
 
         def on_request(request: HealthRequest) -> HealthReply:
-            return core.request(request, clock.instant())
+            reply = core.request(request, clock.instant())
+            publish()
+            return reply
 
         def publish() -> None:
             health = core.tick(clock.instant())
@@ -79,7 +84,6 @@ def run(config: RobotConfig) -> None:
         node.subscribe(keys.FAULT, on_fault)
         node.serve(keys.HEALTH_REQUEST, on_request)
         node.every(_COMMIT_S, store.commit)
+        node.every(_LOOK_S, publish)
         node.ready()
-        while not node.stopping:
-            node.pump(_LOOK_S)
-            publish()
+        node.run()
