@@ -265,7 +265,7 @@ class Link:
         self._entities: list[Any] = []  # a subscriber that is garbage collected is undeclared
         self._last_seen: dict[str, tuple[int, int]] = {}
         self._warned: dict[str, float] = {}
-        self._timers: list[list[Any]] = []  # [due, period, handler]
+        self._timers: list[list[Any]] = []  # [due, period or None for once, handler]
         self._due = math.inf  # when the first of them is
         self.session = session(config, role)
 
@@ -426,6 +426,12 @@ class Link:
         self._timers.append([time.monotonic() + period_s, period_s, handler])
         self._due = min(self._due, self._timers[-1][0])
 
+    def soon(self, delay_s: float, handler: Callable[[], None]) -> None:
+        """Calls ``handler()`` once, from :meth:`pump`; to be called by handlers."""
+        self._timers.append([time.monotonic() + delay_s, None, handler])
+        self._due = min(self._due, self._timers[-1][0])
+        self._came()  # who waits in pump does not know of it yet
+
     def pump(self, timeout_s: float = 0.0) -> bool:
         """Runs the handlers of what has arrived and of due timers; waits for work up to the limit.
 
@@ -515,11 +521,14 @@ class Link:
             self._whose = 0
 
     def _run_timers(self, now: float) -> None:
-        for timer in self._timers:
-            if timer[0] <= now:
+        due = [timer for timer in self._timers if timer[0] <= now]
+        for timer in due:
+            if timer[1] is None:
+                self._timers.remove(timer)
+            else:
                 timer[0] = max(timer[0] + timer[1], now)
-                timer[2]()
-        self._due = min(timer[0] for timer in self._timers)
+            timer[2]()
+        self._due = min((timer[0] for timer in self._timers), default=math.inf)
 
     def wake(self) -> None:
         """Makes a waiting :meth:`pump` return soon; safe from signal handlers and threads."""

@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from time import monotonic
 
 from wackel_aggregator.core import Aggregator
 from wackel_aggregator.store import Store
@@ -14,6 +15,8 @@ from wackel_schemas.health import HealthReply, HealthRequest, Heartbeat
 # Added to the 1.25 s after which a heartbeat is late, a hung service shows within 1.5 s.
 _LOOK_S = 0.25
 _COMMIT_S = 1.0
+# A broken cable is twenty reports within a millisecond, and each health tells all faults.
+_BURST_S = 0.002
 
 
 def needed_services(config: RobotConfig) -> list[str]:
@@ -55,22 +58,38 @@ def run(config: RobotConfig) -> None:
 
         def on_fault(key: str, report: FaultReport) -> None:
             core.report(report, keys.chunk_of(keys.FAULT, key, "source"), clock.instant())
-            publish()
+            look()
 
         def on_heartbeat(key: str, beat: Heartbeat) -> None:
             core.heartbeat(key.removeprefix("alive/"), beat, clock.instant())
-            publish()
+            look()
 
         def on_alive(name: str, alive: bool) -> None:
             core.alive(name, alive, clock.instant())
-            publish()
+            look()
 
         def on_request(request: HealthRequest) -> HealthReply:
             reply = core.request(request, clock.instant())
-            publish()
+            look()
             return reply
 
+        looked_s, looks_soon = 0.0, False
+
+        def look() -> None:
+            """At once, but once at what comes in a burst."""
+            nonlocal looks_soon
+            if looks_soon:
+                return
+            left_s = looked_s + _BURST_S - monotonic()
+            if left_s > 0:
+                looks_soon = True
+                node.soon(left_s, publish)
+            else:
+                publish()
+
         def publish() -> None:
+            nonlocal looked_s, looks_soon
+            looked_s, looks_soon = monotonic(), False
             health = core.tick(clock.instant())
             if health is None:
                 return

@@ -144,6 +144,29 @@ def test_health_follows_faults_and_reaches_late_subscribers_of_both_kinds(
     assert numbers == list(range(len(numbers)))
 
 
+def test_a_burst_of_faults_is_told_together_and_whole(
+    spawn: Spawn, reader: Reader, services: list[Service]
+) -> None:
+    def turn() -> None:
+        for service in services:
+            service.node.pump()
+        reader.link.pump(0.02)
+
+    spawn()
+    wait_until(lambda: reader.health.level == "ok", 15.0, turn)
+    reader.all.clear()
+    places = {f"bus/main/servo/{number}" for number in range(1, 101)}
+    for place in places:
+        services[1].faults.put(report(component=place))
+
+    def told() -> set[str]:
+        return {fault.component for fault in reader.health.faults}
+
+    wait_until(lambda: told() == places, 15.0, turn)
+    changes = [health for health in reader.all if health.faults]
+    assert len(changes) < len(places) / 2
+
+
 def test_a_killed_aggregator_loses_no_confirmed_fault_and_no_number(
     spawn: Spawn, reader: Reader, services: list[Service]
 ) -> None:

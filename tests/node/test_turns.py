@@ -140,3 +140,24 @@ def test_a_handler_may_publish_what_comes_back_to_itself(sender: Link, reader: L
         put(sender, "call")
         wait_until(lambda: len(heard) == 2, meanwhile=lambda: reader.pump(0.05))
     assert heard == ["imu/call", "imu/echo"]
+
+
+def test_what_is_soon_comes_once_although_nobody_else_wakes(sender: Link, reader: Link) -> None:
+    heard: list[str] = []
+    later: list[float] = []
+
+    def hear(key: str, _sample: ImuSample) -> None:
+        heard.append(key)
+        if key == "imu/start":
+            reader.soon(0.05, lambda: later.append(time.monotonic()))
+
+    reader.subscribe(keys.IMU, hear)
+    link_up(sender, reader, heard)
+    with reader.handle_at_once():
+        begin_s = time.monotonic()
+        put(sender, "start")
+        # One long wait, which began before anything was to come soon.
+        wait_until(lambda: bool(later), meanwhile=lambda: reader.pump(8.0))
+        assert 0.05 <= later[0] - begin_s < 7.0
+        reader.pump(0.2)
+    assert len(later) == 1
