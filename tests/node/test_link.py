@@ -1,6 +1,5 @@
 """What reaches a handler, in which order, and what is refused."""
 
-from collections.abc import Iterator
 from contextlib import ExitStack
 
 import pytest
@@ -17,18 +16,6 @@ from wackel_schemas.health import Health, HealthReply
 from wackel_schemas.keys import MOST_BYTES, MOST_HEALTH_BYTES
 
 pytestmark = pytest.mark.process
-
-
-@pytest.fixture
-def sender(rendezvous: Rendezvous) -> Iterator[Link]:
-    with Link(rendezvous.config) as link:
-        yield link
-
-
-@pytest.fixture
-def reader(rendezvous: Rendezvous) -> Iterator[Link]:
-    with Link(rendezvous.config) as link:
-        yield link
 
 
 def put(link: Link, key: str, payload: bytes) -> None:

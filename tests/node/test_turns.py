@@ -2,12 +2,11 @@
 
 import threading
 import time
-from collections.abc import Iterator
 
 import pytest
 import zenoh
 
-from tests.conftest import Rendezvous, wait_until
+from tests.conftest import wait_until
 from wackel_node.link import Link
 from wackel_schemas import keys, wire
 from wackel_schemas.drive import ImuSample
@@ -15,18 +14,6 @@ from wackel_schemas.drive import ImuSample
 pytestmark = pytest.mark.process
 
 _SAMPLE = wire.encode(ImuSample(stamp=1, angular_velocity=(0.0, 0.0, 0.0)))
-
-
-@pytest.fixture
-def sender(rendezvous: Rendezvous) -> Iterator[Link]:
-    with Link(rendezvous.config) as link:
-        yield link
-
-
-@pytest.fixture
-def reader(rendezvous: Rendezvous) -> Iterator[Link]:
-    with Link(rendezvous.config) as link:
-        yield link
 
 
 def put(link: Link, name: str) -> None:
