@@ -32,8 +32,6 @@ YAW_OFF = 1.0
 """What a mechanical fault adds to the yaw rate, and what a faulty gyro shows too much, in units of
 :data:`wackel_diagnoser.rows.YAW` of speed by length."""
 GYRO_OFF = 3.0
-TOGETHER = 0.015
-"""Share of the speed by which wheels slip otherwise than others when something pushes the robot."""
 SHOVED = 0.3
 """Share of the speed by which ice or a collision moves all wheels against the floor."""
 
@@ -113,7 +111,7 @@ class Hypotheses:
             spread.append(self._of_gyro(name))
         for path, touched in (
             (component.DRIVE, self._ground()),
-            (component.DRIVE, self._shoved()),
+            (component.DRIVE, self._dragging()),  # the same of a shove that hardly moves it
             (component.COMMAND, self._command()),
         ):
             each.append(Hypothesis((path,)))
@@ -177,14 +175,6 @@ class Hypotheses:
     def _of_gyro(self, name: str) -> Floats:
         touched = self._none()
         touched[self._gyro[name]] = GYRO_OFF
-        return touched
-
-    def _shoved(self) -> Floats:
-        """A push that moves the robot as a whole: wheels hardly contradict each other, but all
-        drives give way to it."""
-        touched = self._disturbed()
-        touched[: len(self._slide) + len(self._roll)] = TOGETHER
-        touched[list(self._gyro.values())] = GYRO_OFF
         return touched
 
     def _ground(self) -> Floats:

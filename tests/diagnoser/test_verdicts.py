@@ -84,20 +84,6 @@ def test_a_push_is_over_and_excludes_nobody_for_long(warm: Rig) -> None:
     assert rig.active() == []
 
 
-@pytest.mark.parametrize(("count", "number", "weight"), [(3, 0, 0.8), (3, 2, 1.2), (4, 1, 1.2)])
-def test_a_push_to_which_all_drives_give_way_is_blamed_on_no_part(
-    count: int, number: int, weight: float
-) -> None:
-    rig = Rig.of(f"tune/push/{number}", count)
-    rig.drive(SHORT_WARM_UP_S)
-    rig.inject("push", value=weight)
-    rig.drive(0.4)
-    started = [report for report in rig.reports if report.status == "active"]
-    assert [(each.code, each.component) for each in started] == [
-        ("drive_disturbed", component.DRIVE)
-    ]
-
-
 def test_two_blocked_wheels_are_both_named(warm: Rig) -> None:
     rig = warm.copy()
     rig.inject("wheel_blocked", "w0")
