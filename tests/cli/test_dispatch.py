@@ -71,8 +71,9 @@ def test_an_expected_failure_is_one_line_with_its_own_exit_code(
 
 
 @pytest.mark.process
-def test_a_reader_that_leaves_early_ends_the_command_quietly() -> None:
-    command = [sys.executable, "-m", "wackel_cli", "schema", "Health"]
+@pytest.mark.parametrize("arguments", [["schema", "Health"], ["--help"]])
+def test_a_reader_that_leaves_early_ends_the_command_quietly(arguments: list[str]) -> None:
+    command = [sys.executable, "-m", "wackel_cli", *arguments]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert process.stderr is not None
