@@ -96,7 +96,7 @@ class Track:
                 if one is not None and other is not None:
                     del samples[:2]
                     return before[1], one + other
-        at = bisect_left(samples, (begin + 1,)) - 1
+        at = bisect_left(samples, (begin + 1,)) - 1  # the last that is not after it
         if at < 0 or samples[-1][0] < end:
             self.forget(end)
             return None, None
@@ -122,7 +122,7 @@ class Track:
         """Drops samples that times from ``before`` on do not need."""
         samples = self._samples
         if len(samples) > 1 and samples[1][0] <= before:
-            del samples[: bisect_left(samples, (before + 1,)) - 1]
+            del samples[: bisect_left(samples, (before + 1,)) - 1]  # to the last not after it
 
     def clear(self) -> None:
         """Drops all: the next sample is an offset, not a motion."""

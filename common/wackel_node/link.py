@@ -422,12 +422,12 @@ class Link:
         raise TimeoutError(f"no answer on {query.key(**chunks)} within {timeout_s:g} s")
 
     def every(self, period_s: float, handler: Callable[[], None]) -> None:
-        """Calls ``handler()`` once a period from :meth:`pump`; a late call is not made up for."""
+        """Calls ``handler()`` once a period, in a turn; a late call is not made up for."""
         self._timers.append([time.monotonic() + period_s, period_s, handler])
         self._due = min(self._due, self._timers[-1][0])
 
     def soon(self, delay_s: float, handler: Callable[[], None]) -> None:
-        """Calls ``handler()`` once, from :meth:`pump`; to be called by handlers."""
+        """Calls ``handler()`` once after a while, in a turn; to be called by handlers."""
         self._timers.append([time.monotonic() + delay_s, None, handler])
         self._due = min(self._due, self._timers[-1][0])
         self._came()  # who waits in pump does not know of it yet

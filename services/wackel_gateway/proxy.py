@@ -19,7 +19,7 @@ from wackel_gateway.patience import Patience
 from wackel_gateway.reporter import Reporter
 from wackel_gateway.retry import Retry
 from wackel_gateway.segment import Segmenter
-from wackel_gateway.turns import turn_ms
+from wackel_gateway.waiting import wait_ms
 from wackel_node.config import BusConfig, ConfigError
 from wackel_node.log import logger
 from wackel_node.node import Node
@@ -64,7 +64,7 @@ class Proxy:
         waiting = select.poll()
         waiting.register(forwarder.fileno(), select.POLLIN)
         while not self._node.stopping:
-            if waiting.poll(turn_ms(self._segmenter.due_ns, self._outbox.due_ns)):
+            if waiting.poll(wait_ms(self._segmenter.due_ns, self._outbox.due_ns)):
                 sleep(_GATHER_S)
             now = monotonic_ns()
             while True:

@@ -9,7 +9,7 @@ from wackel_gateway.port import Port, PortLost
 from wackel_gateway.reporter import Reporter
 from wackel_gateway.retry import keep_open
 from wackel_gateway.segment import Segmenter
-from wackel_gateway.turns import turn_ms
+from wackel_gateway.waiting import wait_ms
 from wackel_node.config import BusConfig
 from wackel_node.node import Node
 from wackel_schemas import keys
@@ -38,7 +38,7 @@ class Tap:
         outbox = Outbox(self._reporter.transaction, self._reporter.state)
         try:
             while not self._node.stopping:
-                if port.wait(turn_ms(segmenter.due_ns, outbox.due_ns)):
+                if port.wait(wait_ms(segmenter.due_ns, outbox.due_ns)):
                     data = port.read()
                     if not data:
                         raise PortLost("it was closed from the other side")

@@ -2,11 +2,11 @@
 
 from time import monotonic_ns
 
-_TURN_MS = 100  # the node's own messages wait at most so long for their turn
+_LONGEST_MS = 100  # the node's own messages wait at most so long for their turn
 
 
-def turn_ms(*dues_ns: int | None) -> int:
+def wait_ms(*dues_ns: int | None) -> int:
     """Until the first of some times (monotonic; ``None``: never), rounded up."""
     now_ns = monotonic_ns()
     left_ms = [-((now_ns - due_ns) // 1_000_000) for due_ns in dues_ns if due_ns is not None]
-    return max(0, min([_TURN_MS, *left_ms]))
+    return max(0, min([_LONGEST_MS, *left_ms]))

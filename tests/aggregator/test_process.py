@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -101,6 +102,13 @@ class Service:
         self.faults: Publisher[FaultReport] = self.node.publisher(keys.FAULT, source=service)
 
 
+def pump(reader: Reader, services: list[Service]) -> None:
+    """Lets all that live in this process have their turn."""
+    for service in services:
+        service.node.pump()
+    reader.link.pump(0.02)
+
+
 @pytest.fixture
 def services(config: RobotConfig) -> Iterator[list[Service]]:
     made = [Service("gateway/main", config), Service("classifier/main", config)]
@@ -113,10 +121,7 @@ def services(config: RobotConfig) -> Iterator[list[Service]]:
 def test_health_follows_faults_and_reaches_late_subscribers_of_both_kinds(
     spawn: Spawn, reader: Reader, services: list[Service], config: RobotConfig
 ) -> None:
-    def turn() -> None:
-        for service in services:
-            service.node.pump()
-        reader.link.pump(0.02)
+    turn = partial(pump, reader, services)
 
     def wait(condition: Callable[[], bool]) -> None:
         wait_until(condition, 15.0, turn)
@@ -147,11 +152,7 @@ def test_health_follows_faults_and_reaches_late_subscribers_of_both_kinds(
 def test_a_burst_of_faults_is_told_together_and_whole(
     spawn: Spawn, reader: Reader, services: list[Service]
 ) -> None:
-    def turn() -> None:
-        for service in services:
-            service.node.pump()
-        reader.link.pump(0.02)
-
+    turn = partial(pump, reader, services)
     spawn()
     wait_until(lambda: reader.health.level == "ok", 15.0, turn)
     reader.all.clear()
@@ -170,11 +171,7 @@ def test_a_burst_of_faults_is_told_together_and_whole(
 def test_a_killed_aggregator_loses_no_confirmed_fault_and_no_number(
     spawn: Spawn, reader: Reader, services: list[Service]
 ) -> None:
-    def turn() -> None:
-        for service in services:
-            service.node.pump()
-        reader.link.pump(0.02)
-
+    turn = partial(pump, reader, services)
     first = spawn()
     wait_until(lambda: reader.health.level == "ok", 15.0, turn)
     for servo in range(5):
@@ -207,10 +204,7 @@ def test_a_silent_service_is_told_and_its_faults_become_unknown(
 ) -> None:
     gateway, classifier = services
 
-    def turn() -> None:
-        gateway.node.pump()
-        classifier.node.pump()
-        reader.link.pump(0.02)
+    turn = partial(pump, reader, services)
 
     def turn_without_classifier() -> None:
         gateway.node.pump()

@@ -77,7 +77,7 @@ def test_on_even_ground_the_first_change_of_speed_tells() -> None:
             if idle is not None:
                 load[idle] = 0.0
             current = NEEDS[0] * speed + load + rng.normal(0.0, 0.003, 4)
-            motors.step(LOOK_S, np.full(4, speed), current, NEEDS, np.full(4, 0.009**2))
+            motors.step(LOOK_S, [speed] * 4, current.tolist(), NEEDS, [0.009**2] * 4)
 
     drive(idle=None)
     assert not any(motors.found)
