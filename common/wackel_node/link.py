@@ -159,11 +159,19 @@ class Publisher(Generic[M]):
 
     def put(self, message: M) -> None:
         """Publishes; sets the message's boot and seq."""
+        self.send(self.encode(message))
+
+    def encode(self, message: M) -> bytes:
+        """The bytes to :meth:`send` next; sets the message's boot and seq."""
         message.boot = self._boot
         message.seq = self._seq
         self._seq += 1
-        self._last = wire.encode(message)
-        self._publisher.put(self._last)
+        return wire.encode(message)
+
+    def send(self, data: bytes) -> None:
+        """Publishes what was encoded."""
+        self._last = data
+        self._publisher.put(data)
 
     @property
     def has_reader(self) -> bool:

@@ -41,6 +41,7 @@ class FaultRecord(Record, kw_only=True):
     Attributes:
         code, component, message, remedy, confidence, suspects, evidence: As in the last report.
         source: Who reports it.
+        service: ``<service>/<instance>`` behind the source; empty if it is not known.
         severity: From the table of codes.
         status: ``pending`` (seen, not yet debounced), ``confirmed``, ``healed`` (kept), or
             ``unknown`` (its source is silent).
@@ -48,7 +49,7 @@ class FaultRecord(Record, kw_only=True):
         acknowledged: A person has seen it.
         occurrences: How often it became confirmed.
         first, last: UTC ns of the first and the latest evidence.
-        freeze_frame: The evidence at the moment of confirmation.
+        freeze_frame: The evidence at the moment of confirmation, where ``evidence`` is a later one.
     """
 
     code: str
@@ -61,6 +62,7 @@ class FaultRecord(Record, kw_only=True):
     confidence: float
     first: int
     last: int
+    service: str = ""
     occurrences: int = 0
     acknowledged: bool = False
     inhibited_by: str = ""

@@ -1,6 +1,6 @@
 """Messages to bytes and back: MessagePack maps with names."""
 
-from typing import TypeVar
+from typing import Generic, TypeVar, cast
 
 import msgspec
 
@@ -26,6 +26,25 @@ def encoding(message: type[Record]) -> str:
 def encode(message: Record) -> bytes:
     """Bytes of a message."""
     return _encoder.encode(message)
+
+
+class EncodedOnce(Generic[T]):
+    """Stands in for the records of a list that is encoded often and rarely changes.
+
+    Bytes are remembered for as long as the same objects come again; they must not be changed.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[int, tuple[T, T]] = {}  # the record keeps its id from being used again
+
+    def __call__(self, records: list[T]) -> list[T]:
+        """The list to encode in place of ``records``: their bytes, of which nothing can be read."""
+        known = self._known
+        self._known = {
+            id(record): known.get(id(record)) or (record, cast(T, msgspec.Raw(encode(record))))
+            for record in records
+        }
+        return [self._known[id(record)][1] for record in records]
 
 
 def decode(data: bytes, message: type[T]) -> T:

@@ -6,7 +6,6 @@ from collections.abc import Collection
 from wackel_aggregator.faults import Fault, FaultMemory, Voice
 from wackel_aggregator.services import MOST_NAME, Service, ServiceBook
 from wackel_aggregator.soundness import sound
-from wackel_aggregator.state import SavedFault, State
 from wackel_aggregator.transitions import TransitionLog
 from wackel_node.clock import Instant
 from wackel_schemas import component
@@ -49,7 +48,7 @@ class Aggregator:
     def __init__(
         self,
         needed: Collection[str],
-        saved: State | None,
+        saved: Health | None,
         now: Instant,
         wanted: Collection[str] = (),
     ) -> None:
@@ -57,7 +56,7 @@ class Aggregator:
 
         Args:
             needed: Services (``gateway/main``) without which health is unknown.
-            saved: What :meth:`unsaved` gave an earlier run; ``None`` to start empty.
+            saved: The latest health of an earlier run; ``None`` to start empty.
             now: When.
             wanted: Services that should run as well; without one, health is a warning.
         """
@@ -67,9 +66,9 @@ class Aggregator:
         self._own: set[tuple[str, str]] = set()  # code and component of own active faults
         self._started_ns = now.monotonic_ns
         self._published_ns: int | None = None
-        self._saved = -1  # number of the next transition when the state was last taken
+        self._saved = -1  # number of the next transition when health was last to be saved
         for fault in saved.faults if saved is not None else ():
-            self._faults.restore(fault.record, fault.service, now)
+            self._faults.restore(fault, now)
 
     def report(self, report: FaultReport, source: str, now: Instant) -> None:
         """A fault report of a source, the second chunk of its key.
@@ -84,7 +83,7 @@ class Aggregator:
         report = sound(report)
         service = self._services.named(report.boot)
         fault = self._faults.find(report.code, report.component, source)
-        known = service or (fault.service if fault is not None else "")
+        known = service or (fault.record.service if fault is not None else "")
         speaks = not known or self._services.voice(known, now) is not None
         self._faults.report(report, source, service, speaks, now)
 
@@ -137,14 +136,14 @@ class Aggregator:
 
     def health(self, now: Instant) -> Health:
         """The merged state."""
-        records = self._faults.records()
-        level, summary = self._sum_up(records)
+        active = self._faults.active()
+        level, summary = self._sum_up(active)
         return Health(
             stamp=now.utc_ns,
             level=level,
             summary=summary,
-            capabilities=self._capabilities(records),
-            faults=records,
+            capabilities=self._capabilities(active),
+            faults=active + self._faults.healed(),
             services=self._services.health(),
             transitions=list(self._log.latest),
         )
@@ -174,17 +173,10 @@ class Aggregator:
                 text = f"{len(over)} cleared" + (f", {left} still active" if left else "")
         return HealthReply(stamp=now.utc_ns, ok=ok, text=text, health=self.health(now))
 
-    def unsaved(self) -> State | None:
-        """What must outlive a restart; ``None`` if nothing has changed since it was last taken."""
-        if self._saved == self._log.next_number:
-            return None
-        self._saved = self._log.next_number
-        return State(
-            transitions=list(self._log.latest),
-            faults=[
-                SavedFault(record=fault.record, service=fault.service) for fault in self._faults
-            ],
-        )
+    def unsaved(self) -> bool:
+        """Whether the latest health must outlive a restart: it tells changes since the last one."""
+        before, self._saved = self._saved, self._log.next_number
+        return before != self._saved
 
     def _judge(self, service: Service, now: Instant) -> None:
         """Silence from a service is a fault of its own."""
@@ -231,17 +223,17 @@ class Aggregator:
         if record.source == SOURCE:
             found = (record.code, record.component) in self._own
             return Voice(_OWN_BOOT, now.monotonic_ns if found else self._started_ns)
-        if fault.service:
-            return self._services.voice(fault.service, now)
+        if record.service:
+            return self._services.voice(record.service, now)
         silent = now.monotonic_ns - fault.reported_ns > _REPEAT_LATE_S * _S
         return None if silent else Voice(fault.boot, now.monotonic_ns)
 
-    def _sum_up(self, records: list[FaultRecord]) -> tuple[Level, str]:
+    def _sum_up(self, active: list[FaultRecord]) -> tuple[Level, str]:
         """The worst of all, and a sentence for it."""
         found: list[tuple[Level, str]] = []
         needed = self._services.needed
         waited_for = [s for s in self._services if s.name in needed and s.status != "ready"]
-        for record in records:
+        for record in active:
             if record.status == "unknown":
                 if record.severity == "info":
                     continue  # it would not count even if it did hold
@@ -268,11 +260,11 @@ class Aggregator:
             return "unknown" if name in self._services.needed else "warning"
         return _LEVEL[record.severity]
 
-    def _capabilities(self, records: list[FaultRecord]) -> dict[str, bool]:
+    def _capabilities(self, active: list[FaultRecord]) -> dict[str, bool]:
         """What the robot can still do; what is not known is absent."""
         lost: set[str] = set()
         unknown: set[str] = set()
-        for record in records:
+        for record in active:
             disabled = FAULT_CODES[record.code].disables if record.code in FAULT_CODES else ()
             if record.status == "confirmed":
                 lost.update(disabled)

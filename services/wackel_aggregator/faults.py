@@ -7,10 +7,11 @@ unknown. A source repeats its active faults once a second, so one that can speak
 a fault for ``window_s`` no longer finds it.
 """
 
-from collections.abc import Callable, Iterator
-from copy import copy
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
+
+from msgspec.structs import replace
 
 from wackel_aggregator.transitions import TransitionLog
 from wackel_node.clock import Instant
@@ -48,8 +49,7 @@ class Fault:
     """One fault in memory.
 
     Attributes:
-        record: What health shows of it.
-        service: ``<service>/<instance>`` behind the source; empty if it is not known.
+        record: What health shows of it; replaced by another when that changes.
         boot: Of the process that reported it last.
         reported_ns: Monotonic; when it was reported last.
         began_ns: Monotonic; when it began to be reported, for the debounce.
@@ -58,7 +58,6 @@ class Fault:
     """
 
     record: FaultRecord
-    service: str
     boot: int
     reported_ns: int
     began_ns: int
@@ -71,9 +70,9 @@ class Fault:
         return FAULT_CODES.get(self.record.code, _FOREIGN)
 
     @property
-    def active(self) -> bool:
-        """Whether it is not known to be healed."""
-        return self.record.status != "healed"
+    def key(self) -> "Key":
+        """Under which it is in memory."""
+        return self.record.code, self.record.component, self.record.source
 
 
 Key = tuple[str, str, str]  # code, component, source
@@ -89,16 +88,18 @@ class FaultMemory:
     def __init__(self, log: TransitionLog) -> None:
         self.changed = False
         self._log = log
-        self._faults: dict[Key, Fault] = {}
+        self._active: dict[Key, Fault] = {}  # all but the healed ones
+        self._healed: dict[Key, Fault] = {}
+        # Most of a long memory is old when something is news.
+        self._healed_records: list[FaultRecord] | None = []
 
-    def __iter__(self) -> Iterator[Fault]:
-        return iter(self._faults.values())
-
-    def restore(self, record: FaultRecord, service: str, now: Instant) -> None:
+    def restore(self, record: FaultRecord, now: Instant) -> None:
         """Takes over a fault that an earlier run has saved; an active one is unknown for now."""
-        fault = Fault(record, service, 0, now.monotonic_ns, now.monotonic_ns, known=True)
-        self._faults[record.code, record.component, record.source] = fault
-        if fault.active:
+        fault = Fault(record, 0, now.monotonic_ns, now.monotonic_ns, known=True)
+        if record.status == "healed":
+            self._keep_healed(fault)
+        else:
+            self._active[fault.key] = fault
             self._enter(fault, "unknown", now)
 
     def report(
@@ -123,18 +124,16 @@ class FaultMemory:
             self.heal(report.code, report.component, source, now)
             return
         key = (report.code, report.component, source)
-        fault = self._faults.get(key)
+        fault = self.find(*key)
         if fault is None:
             self._make_room(now)
-            fault = self._faults[key] = Fault(_new_record(report, source), service, 0, 0, 0)
-        fault.service = service or fault.service
+            fault = self._active[key] = Fault(_new_record(report, source), 0, 0, 0)
         fault.boot = report.boot
         fault.reported_ns = now.monotonic_ns
         fault.gone_ns = None
-        _update(fault.record, report)
+        fault.record = _updated(fault.record, report, service)
         match fault.record.status:
             case "healed":
-                fault.record.acknowledged = False
                 self._begin(fault, now)
             case "unknown" if speaks and fault.record.occurrences:
                 self._enter(fault, "confirmed", now)  # the same occurrence: its source was away
@@ -143,45 +142,57 @@ class FaultMemory:
 
     def heal(self, code: str, component: str, source: str, now: Instant) -> None:
         """A source no longer finds a fault; nothing if it is not in memory, or healing already."""
-        fault = self._faults.get((code, component, source))
-        if fault is not None and fault.active and fault.gone_ns is None:
+        fault = self._active.get((code, component, source))
+        if fault is not None and fault.gone_ns is None:
             fault.gone_ns = now.monotonic_ns
 
     def find(self, code: str, component: str, source: str) -> Fault | None:
         """What is in memory of a source's fault."""
-        return self._faults.get((code, component, source))
+        key = (code, component, source)
+        return self._active.get(key) or self._healed.get(key)
 
     def settle(self, voice_of: Callable[[Fault], Voice | None], now: Instant) -> None:
         """Moves on what time, and who can speak, decide."""
-        for fault in self._faults.values():
-            if fault.active:
-                self._settle(fault, voice_of(fault), now)
-        self._forget(now)
+        for fault in list(self._active.values()):
+            self._settle(fault, voice_of(fault), now)
+        if len(self._healed) > MAX_HEALED:
+            for fault in self._by_age()[:-MAX_HEALED]:
+                self.clear(fault, now)
         self._inhibit()
 
     def matching(self, code: str, component: str) -> list[Fault]:
         """Faults of a code and component; an empty text matches all."""
         return [
             fault
-            for fault in self._faults.values()
+            for fault in (*self._active.values(), *self._healed.values())
             if code in ("", fault.record.code) and component in ("", fault.record.component)
         ]
 
     def acknowledge(self, fault: Fault) -> None:
         """A person has seen it; nothing else changes."""
-        self.changed = self.changed or not fault.record.acknowledged
-        fault.record.acknowledged = True
+        if not fault.record.acknowledged:
+            fault.record = replace(fault.record, acknowledged=True)
+            self._healed_records = None
+            self.changed = True
 
     def clear(self, fault: Fault, now: Instant) -> None:
         """Forgets it. If it is still there, its source will report it again."""
-        record = fault.record
-        del self._faults[record.code, record.component, record.source]
-        self._log.add(_subject(record), record.status, "", now)
+        self._active.pop(fault.key, None)
+        self._healed.pop(fault.key, None)
+        self._healed_records = None
+        self._log.add(_subject(fault.record), fault.record.status, "", now)
         self.changed = True
 
-    def records(self) -> list[FaultRecord]:
-        """A copy of all, worst first."""
-        return sorted((copy(fault.record) for fault in self._faults.values()), key=_rank)
+    def active(self) -> list[FaultRecord]:
+        """All that are not healed, worst first."""
+        return sorted((fault.record for fault in self._active.values()), key=_rank)
+
+    def healed(self) -> list[FaultRecord]:
+        """The healed ones that are still in memory."""
+        if self._healed_records is None:
+            records = (fault.record for fault in self._healed.values())
+            self._healed_records = sorted(records, key=_rank)
+        return self._healed_records
 
     def _begin(self, fault: Fault, now: Instant) -> None:
         fault.began_ns = now.monotonic_ns
@@ -191,8 +202,8 @@ class FaultMemory:
             self._confirm(fault, now)
 
     def _confirm(self, fault: Fault, now: Instant) -> None:
-        fault.record.occurrences += 1
-        fault.record.freeze_frame = fault.record.evidence
+        occurrences = fault.record.occurrences + 1
+        fault.record = replace(fault.record, occurrences=occurrences, freeze_frame=None)
         self._enter(fault, "confirmed", now)
 
     def _settle(self, fault: Fault, voice: Voice | None, now: Instant) -> None:
@@ -219,37 +230,46 @@ class FaultMemory:
         if status == before:
             return
         fault.known = True
-        fault.record.status = status
+        fault.record = replace(fault.record, status=status)
+        if status == "healed":
+            fault.record = replace(fault.record, inhibited_by="")
+            del self._active[fault.key]
+            self._keep_healed(fault)
+        elif before == "healed":
+            fault.record = replace(fault.record, acknowledged=False)
+            del self._healed[fault.key]
+            self._healed_records = None
+            self._active[fault.key] = fault
         self.changed = True
         self._log.add(_subject(fault.record), before, status, now)
 
+    def _keep_healed(self, fault: Fault) -> None:
+        self._healed[fault.key] = fault
+        self._healed_records = None
+
     def _make_room(self, now: Instant) -> None:
-        if len(self._faults) < MAX_FAULTS:
+        if len(self._active) + len(self._healed) < MAX_FAULTS:
             return
-        healed = self._healed()
-        if not healed:
+        if not self._healed:
             raise Rejected(f"there are {MAX_FAULTS} active faults already")
-        self.clear(healed[0], now)
+        self.clear(self._by_age()[0], now)
 
-    def _forget(self, now: Instant) -> None:
-        healed = self._healed()
-        for fault in healed[: max(0, len(healed) - MAX_HEALED)]:
-            self.clear(fault, now)
-
-    def _healed(self) -> list[Fault]:
-        """In the order in which they may be forgotten."""
-        healed = [fault for fault in self._faults.values() if not fault.active]
-        return sorted(healed, key=lambda f: (not f.record.acknowledged, f.record.last))
+    def _by_age(self) -> list[Fault]:
+        """The healed ones in the order in which they may be forgotten."""
+        return sorted(
+            self._healed.values(), key=lambda f: (not f.record.acknowledged, f.record.last)
+        )
 
     def _inhibit(self) -> None:
         """Marks the faults that follow from a confirmed one; the table's first is the root."""
-        confirmed = [f.record for f in self._faults.values() if f.record.status == "confirmed"]
+        active = self._active.values()
+        confirmed = [fault.record for fault in active if fault.record.status == "confirmed"]
         roots = [r for code in EXPLAINS for r in confirmed if r.code == code]
-        for fault in self._faults.values():
-            by = next((r for r in roots if fault.active and _explains(r, fault.record)), None)
+        for fault in active:
+            by = next((r for r in roots if _explains(r, fault.record)), None)
             inhibited_by = f"{by.component}/{by.code}" if by else ""
             if fault.record.inhibited_by != inhibited_by:
-                fault.record.inhibited_by = inhibited_by
+                fault.record = replace(fault.record, inhibited_by=inhibited_by)
                 self.changed = True
 
 
@@ -278,13 +298,21 @@ def _new_record(report: FaultReport, source: str) -> FaultRecord:
     )
 
 
-def _update(record: FaultRecord, report: FaultReport) -> None:
-    record.message = report.message
-    record.remedy = report.remedy
-    record.confidence = report.confidence
-    record.suspects = report.suspects
-    record.evidence = report.evidence
-    record.last = report.stamp
+def _updated(record: FaultRecord, report: FaultReport, service: str) -> FaultRecord:
+    frame = record.freeze_frame
+    if record.occurrences and frame is None and report.evidence != record.evidence:
+        frame = record.evidence
+    return replace(
+        record,
+        message=report.message,
+        remedy=report.remedy,
+        confidence=report.confidence,
+        suspects=report.suspects,
+        evidence=report.evidence,
+        freeze_frame=frame,
+        service=service or record.service,
+        last=report.stamp,
+    )
 
 
 def _subject(record: FaultRecord) -> str:

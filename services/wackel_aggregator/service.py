@@ -8,9 +8,9 @@ from wackel_aggregator.core import Aggregator
 from wackel_aggregator.store import Store
 from wackel_node.config import RobotConfig
 from wackel_node.node import Node
-from wackel_schemas import keys
+from wackel_schemas import keys, wire
 from wackel_schemas.fault import FaultReport
-from wackel_schemas.health import HealthReply, HealthRequest, Heartbeat
+from wackel_schemas.health import FaultRecord, HealthReply, HealthRequest, Heartbeat
 
 # Added to the 1.25 s after which a heartbeat is late, a hung service shows within 1.5 s.
 _LOOK_S = 0.25
@@ -55,6 +55,8 @@ def run(config: RobotConfig) -> None:
             needed_services(config), store.load(), clock.instant(), wanted_services(config)
         )
         publisher = node.publisher(keys.HEALTH)
+        # Most of a long memory is as it was when something is news.
+        encoded = wire.EncodedOnce[FaultRecord]()
 
         def on_fault(key: str, report: FaultReport) -> None:
             core.report(report, keys.chunk_of(keys.FAULT, key, "source"), clock.instant())
@@ -93,10 +95,11 @@ def run(config: RobotConfig) -> None:
             health = core.tick(clock.instant())
             if health is None:
                 return
-            state = core.unsaved()
-            if state is not None:
-                store.prepare(state)
-            publisher.put(health)
+            health.faults = encoded(health.faults)
+            data = publisher.encode(health)
+            if core.unsaved():
+                store.prepare(data)
+            publisher.send(data)
 
         node.watch_alive(on_alive)
         node.subscribe(keys.ALIVE, on_heartbeat)

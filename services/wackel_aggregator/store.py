@@ -1,6 +1,6 @@
-"""The state in files that survive ``kill -9`` at any moment, and loss of power but for a second.
+"""Health in files that survive ``kill -9`` at any moment, and loss of power but for a second.
 
-A state is written before it is published, so that no number of a transition is ever given twice.
+It is written before it is published, so that no number of a transition is ever given twice.
 Writing must then cost less than health may be late: it goes over the oldest of four slots, which
 takes microseconds and is all that a killed process needs. :meth:`Store.commit` has a thread bring
 the newest slot to the disk, which may take a tenth of a second; the slot that is on its way there,
@@ -16,13 +16,13 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Self
 
-from wackel_aggregator.state import State
 from wackel_node.errors import Explained
 from wackel_node.log import logger
 from wackel_schemas import wire
+from wackel_schemas.health import Health
 
 _SLOTS = 4  # the newest, one on its way to the disk, the one that got there, one to write
-_HEAD = struct.Struct(">8sQII")  # magic, serial number, length of the state, CRC-32 of all of it
+_HEAD = struct.Struct(">8sQII")  # magic, serial number, length of the health, CRC-32 of all of it
 _MAGIC = b"wackel-1"
 
 
@@ -62,31 +62,31 @@ class Store:
         for slot in self._slots:
             os.close(slot)
 
-    def load(self) -> State | None:
-        """The latest complete state; if nothing there is complete, that is set aside and told."""
+    def load(self) -> Health | None:
+        """The latest complete health; if nothing there is complete, that is set aside and told."""
         contents = [self._read(slot) for slot in self._slots]
-        states = [_unpack(content) for content in contents]
-        self._serial, state, self._newest = max(
-            ((*found, number) for number, found in enumerate(states) if found is not None),
+        complete = [_unpack(content) for content in contents]
+        self._serial, health, self._newest = max(
+            ((*found, number) for number, found in enumerate(complete) if found is not None),
             key=lambda found: found[0],
             default=(0, None, None),
         )
         self.commit()
-        if state is None and any(contents):
+        if health is None and any(contents):
             aside = self._path.with_suffix(".broken")
             logger.warning("%s is broken; starting without memory, see %s", self._path, aside)
             try:
                 aside.write_bytes(b"".join(contents))
             except OSError as error:
                 self._fail(error)
-        return state
+        return health
 
-    def prepare(self, state: State) -> None:
-        """Makes a state survive the death of this process."""
+    def prepare(self, health: bytes) -> None:
+        """Makes an encoded health survive the death of this process."""
         if not self._slots:
             return
         self._serial += 1
-        data = _pack(self._serial, state)
+        data = _pack(self._serial, health)
         number = self._oldest()
         try:
             if os.pwrite(self._slots[number], data, 0) < len(data):
@@ -98,7 +98,7 @@ class Store:
             self._failing = False
 
     def commit(self) -> None:
-        """Has the newest state survive the loss of power; the disk is not waited for."""
+        """Has the newest health survive the loss of power; the disk is not waited for."""
         self._notice()
         if self._under_way is None and self._newest not in (None, self._durable):
             written = self._disk.submit(os.fdatasync, self._slots[self._newest])
@@ -159,12 +159,11 @@ class Store:
             logger.error("faults will not outlive a restart: %s: %s", self._path, error)
 
 
-def _pack(serial: int, state: State) -> bytes:
-    payload = wire.encode(state)
+def _pack(serial: int, payload: bytes) -> bytes:
     return _HEAD.pack(_MAGIC, serial, len(payload), _checksum(serial, payload)) + payload
 
 
-def _unpack(data: bytes) -> tuple[int, State] | None:
+def _unpack(data: bytes) -> tuple[int, Health] | None:
     if len(data) < _HEAD.size:
         return None
     magic, serial, length, checksum = _HEAD.unpack_from(data)
@@ -172,7 +171,7 @@ def _unpack(data: bytes) -> tuple[int, State] | None:
     if (magic, checksum) != (_MAGIC, _checksum(serial, payload)):
         return None
     try:
-        return serial, wire.decode(payload, State)
+        return serial, wire.decode(payload, Health)
     except wire.Rejected as error:
         logger.warning("a saved state of another wackel: %s", error)
         return None

@@ -112,7 +112,8 @@ class Watch:
         for fault in health.faults:
             if fault.status == "confirmed":
                 assert fault.occurrences >= 1
-                assert fault.freeze_frame is not None
+            assert fault.evidence is not None
+            assert fault.freeze_frame != fault.evidence
             if fault.inhibited_by:
                 assert fault.status != "healed"
                 assert any(
@@ -132,18 +133,19 @@ def test_no_sequence_of_messages_breaks_health(sequence: list[tuple[Any, float]]
     now = Instant(0, 1_700_000_000 * S)
     core = Aggregator(NEEDED, None, now)
     watch = Watch()
+    saved = None
     for (operation, *arguments), wait_s in sequence:
         now = Instant(now.monotonic_ns + int(wait_s * S), now.utc_ns + int(wait_s * S))
         if operation == "restart":
-            state = core.unsaved()
-            if state is not None:
-                core = Aggregator(NEEDED, wire.decode(wire.encode(state), type(state)), now)
+            core = Aggregator(NEEDED, saved, now)
         else:
             with contextlib.suppress(Rejected):
                 getattr(core, operation)(*arguments, now)
         health = core.tick(now)
         if health is not None:
             watch.check(health)
+            if core.unsaved():
+                saved = wire.decode(wire.encode(health), Health)
     watch.check(core.health(now))
     check_order(watch.seen)
 

@@ -8,14 +8,14 @@ from threading import Event
 
 import pytest
 
-from wackel_aggregator.state import State
 from wackel_aggregator.store import Store, Taken
-from wackel_schemas.health import Transition
+from wackel_schemas import wire
+from wackel_schemas.health import Health, Transition
 
 
-def state(number: int, changes: int = 1) -> State:
+def health(number: int, changes: int = 1) -> Health:
     change = Transition(number=number, stamp=0, subject="s", before="a", after="b")
-    return State(transitions=[change] * changes, faults=[])
+    return Health(stamp=number, level="ok", summary="", transitions=[change] * changes)
 
 
 def slots(directory: Path) -> list[Path]:
@@ -30,19 +30,19 @@ def test_there_is_nothing_at_first_and_the_directory_is_made(tmp_path: Path) -> 
 def test_what_was_prepared_survives_a_killed_process(tmp_path: Path) -> None:
     with Store(tmp_path / "state", "robot") as store:
         for number in range(20):
-            store.prepare(state(number, changes=20 - number))
+            store.prepare(wire.encode(health(number, changes=20 - number)))
             if number % 3 == 0:
                 store.commit()
             killed = tmp_path / f"killed at {number}"
             shutil.copytree(tmp_path / "state", killed)
             with Store(killed, "robot") as other:
-                assert other.load() == state(number, changes=20 - number)
+                assert other.load() == health(number, changes=20 - number)
 
 
 def test_whatever_is_torn_by_a_loss_of_power_the_committed_state_is_there(tmp_path: Path) -> None:
     with Store(tmp_path, "robot") as store:
         for number in range(9):
-            store.prepare(state(number))
+            store.prepare(wire.encode(health(number)))
             if number == 4:
                 store.commit()
                 committed = [path.read_bytes() for path in slots(tmp_path)]
@@ -56,7 +56,7 @@ def test_whatever_is_torn_by_a_loss_of_power_the_committed_state_is_there(tmp_pa
         if path != untouched[0]:
             path.write_bytes(path.read_bytes()[:10] + b"\0" * 100)
     with Store(tmp_path, "robot") as store:
-        assert store.load() == state(4)
+        assert store.load() == health(4)
 
 
 def test_a_disk_that_hangs_holds_up_nobody_and_its_slot_is_left_alone(
@@ -71,17 +71,17 @@ def test_a_disk_that_hangs_holds_up_nobody_and_its_slot_is_left_alone(
     fdatasync = os.fdatasync
     monkeypatch.setattr(os, "fdatasync", hang)
     with Store(tmp_path, "robot") as store:
-        store.prepare(state(0))
+        store.prepare(wire.encode(health(0)))
         store.commit()
         before = [path.read_bytes() for path in slots(tmp_path)]
         for number in range(1, 9):
-            store.prepare(state(number))
+            store.prepare(wire.encode(health(number)))
             store.commit()
         after = [path.read_bytes() for path in slots(tmp_path)]
         assert [old for old, new in zip(before, after, strict=True) if old == new] == [before[0]]
         hanging.set()
     with Store(tmp_path, "robot") as store:
-        assert store.load() == state(8)
+        assert store.load() == health(8)
 
 
 @pytest.mark.parametrize("damage", ["garbage", "cut", "flipped", "foreign"])
@@ -90,7 +90,7 @@ def test_when_all_is_broken_it_is_set_aside_with_a_warning(
 ) -> None:
     with Store(tmp_path, "robot") as store:
         for number in range(3):
-            store.prepare(state(number))
+            store.prepare(wire.encode(health(number)))
     for path in slots(tmp_path):
         data = path.read_bytes()
         broken = {
@@ -104,9 +104,9 @@ def test_when_all_is_broken_it_is_set_aside_with_a_warning(
         assert store.load() is None
         assert caplog.text.count("is broken") == 1
         assert (tmp_path / "robot.broken").read_bytes()
-        store.prepare(state(5))
+        store.prepare(wire.encode(health(5)))
     with Store(tmp_path, "robot") as store:
-        assert store.load() == state(5)
+        assert store.load() == health(5)
 
 
 def test_a_second_aggregator_of_the_same_robot_is_refused(tmp_path: Path) -> None:
@@ -125,7 +125,7 @@ def test_a_directory_that_cannot_be_made_costs_only_the_memory(
     (tmp_path / "file").write_text("")
     with Store(tmp_path / "file" / "below", "robot") as store:
         assert store.load() is None
-        store.prepare(state(1))
+        store.prepare(wire.encode(health(1)))
         store.commit()
     assert caplog.text.count("will not outlive") == 1
 
@@ -138,6 +138,6 @@ def test_a_full_disk_is_told_once_and_costs_only_the_memory(
     with Store(tmp_path, "robot") as store:
         assert store.load() is None
         for number in range(5):
-            store.prepare(state(number))
+            store.prepare(wire.encode(health(number)))
             store.commit()
     assert caplog.text.count("No space left") == 1
