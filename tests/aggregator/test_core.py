@@ -479,6 +479,23 @@ def test_whether_what_would_not_count_still_holds_need_not_be_known(robot: Robot
     assert robot.health.level == "ok"
 
 
+def test_later_evidence_does_not_displace_what_the_fault_was_confirmed_with(robot: Robot) -> None:
+    first, later = report(), report()
+    later.evidence = Evidence(summary="seen again")
+    robot.say(first)
+    robot.say(first)
+    assert robot.fault("servo_silent").freeze_frame is None
+    robot.say(later)
+    robot.run(2)
+    fault = robot.fault("servo_silent")
+    assert (fault.evidence, fault.freeze_frame) == (later.evidence, first.evidence)
+    robot.say(report(status="healed"))
+    robot.run(2)
+    robot.say(later)
+    fault = robot.fault("servo_silent")
+    assert (fault.evidence, fault.freeze_frame, fault.occurrences) == (later.evidence, None, 2)
+
+
 def test_after_a_restart_a_fault_found_again_is_the_same_occurrence(robot: Robot) -> None:
     robot.say(report())
     robot.kill("classifier/main")

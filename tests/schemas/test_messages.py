@@ -106,3 +106,20 @@ def test_a_foreign_key_has_no_topic() -> None:
 def test_a_key_without_the_chunk_is_refused() -> None:
     with pytest.raises(ValueError, match="has no chunk bus"):
         keys.chunk_of(keys.HEALTH, "health", "bus")
+
+
+def test_records_that_are_encoded_once_make_the_same_bytes() -> None:
+    encoded = wire.EncodedOnce[ServoState]()
+    servos = [ServoState(id=1, voltage=12.0), ServoState(id=2)]
+    for _ in range(2):
+        state = BusState(stamp=1, servos=encoded(servos))
+        assert wire.encode(state) == wire.encode(BusState(stamp=1, servos=servos))
+        servos = [ServoState(id=3), servos[1], servos[1]]
+
+
+def test_nothing_is_remembered_of_records_that_are_no_longer_asked_for() -> None:
+    encoded = wire.EncodedOnce[ServoState]()
+    first, second = encoded([ServoState(id=1)]), encoded([ServoState(id=2)])
+    assert wire.encode(BusState(stamp=1, servos=first)) != wire.encode(
+        BusState(stamp=1, servos=second)
+    )
