@@ -1,8 +1,12 @@
 """Mode proxy with the vendor's library as the user's control software."""
 
+import json
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import dynamixel_sdk as sdk
@@ -136,6 +140,27 @@ def test_control_goes_on_while_the_gateway_is_stopped_killed_and_started_again(
         second.wait_until(lambda: any(len(t.expected) == len(IDS) for t in second.transactions))
         assert second.stop() == 0
     wait_until(lambda: not Path(proxied.proxy_port).is_symlink())
+
+
+def forwarder(config: BusConfig) -> int:
+    """Its process id."""
+    for path in Path("/proc").glob("[0-9]*/cmdline"):
+        with suppress(OSError):  # it has ended meanwhile
+            told = path.read_text(errors="replace")
+            if "wackel_gateway.forward" in told and json.dumps(config.proxy_port) in told:
+                return int(path.parent.name)
+    raise AssertionError("no forwarder runs")
+
+
+def test_forwarding_takes_precedence_where_the_system_allows_it(
+    bus: Bus, proxied: BusConfig, start_gateway: StartGateway
+) -> None:
+    realtime = "import os; os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))"
+    allowed = subprocess.call([sys.executable, "-c", realtime], stderr=subprocess.DEVNULL) == 0
+    gateway = start_gateway(proxied)
+    gateway.wait_until(connected(gateway, proxied))
+    policy = os.sched_getscheduler(forwarder(proxied))
+    assert policy == (os.SCHED_FIFO if allowed else os.SCHED_OTHER)
 
 
 def test_a_client_outlives_the_adapter_and_goes_on_when_it_is_back(
