@@ -208,7 +208,8 @@ FAULT_CODES: dict[str, FaultCode] = {
     ),
     "low_supply": FaultCode(
         "{component} delivers too little voltage to all servos.",
-        "Charge the battery or check the supply.",
+        "Charge the battery or check the supply. Servos that have raised an alert keep it until "
+        "they are rebooted (wackel servo reboot).",
         "warning",
     ),
     "frozen_values": FaultCode(
