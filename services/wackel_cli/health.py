@@ -12,6 +12,7 @@ from wackel_node.arguments import add_config, config_of
 from wackel_node.errors import FAILED, OK
 from wackel_node.link import Link, NotReached
 from wackel_schemas import keys
+from wackel_schemas.component import in_words
 from wackel_schemas.health import FaultRecord, Health, HealthRequest
 
 _EPILOG = """\
@@ -90,15 +91,20 @@ def _fault_lines(fault: FaultRecord) -> list[Text]:
         ),
         Text(f"{'':{_LABEL}}{fault.code} {fault.component}", style="dim"),
     ]
+    if fault.confidence < 1:
+        told[-1].append(f", {fault.confidence:.0%} sure")
     if fault.acknowledged:
         told[-1].append(", acknowledged")
     if fault.occurrences > 1:
         told[-1].append(f", {fault.occurrences} times")
     if fault.inhibited_by:
         told[-1].append(f", follows from {fault.inhibited_by}")
-    if fault.suspects:
-        told.append(Text(f"{'':{_LABEL}}or else: {', '.join(fault.suspects)}", style="dim"))
     if fault.status != "healed":
+        if fault.suspects:
+            others = "; ".join(map(in_words, fault.suspects))
+            told.append(Text(f"{'':{_LABEL}}It may also be {others}.", style="dim"))
+        if fault.evidence is not None:
+            told.append(Text(f"{'':{_LABEL}}Evidence: {fault.evidence.summary}.", style="dim"))
         told.append(Text(f"{'':{_LABEL}}→ {fault.remedy}"))
     return told
 

@@ -8,6 +8,7 @@ from rich.console import Console
 
 from tests import robot
 from wackel_cli.health import as_text, folded, main
+from wackel_schemas.fault import Evidence
 from wackel_schemas.health import FaultRecord, Health, ServiceHealth
 
 
@@ -35,7 +36,11 @@ def test_every_fault_stands_there_with_place_and_remedy_and_services_only_if_not
         level="fault",
         summary="Two things.",
         faults=[
-            record(suspects=["bus/main/servo/2"]),
+            record(
+                confidence=0.6,
+                suspects=["bus/main/servo/2", "bus/main/supply"],
+                evidence=Evidence(summary="the last 2 servos are missing"),
+            ),
             record(status="healed", occurrences=3, acknowledged=True),
         ],
         services=[
@@ -46,8 +51,9 @@ def test_every_fault_stands_there_with_place_and_remedy_and_services_only_if_not
     assert as_text(health).plain.splitlines() == [
         "Two things.",
         "confirmed The cable is disconnected.",
-        "          cable_break bus/main/cable/1-2",
-        "          or else: bus/main/servo/2",
+        "          cable_break bus/main/cable/1-2, 60% sure",
+        "          It may also be servo 2 on bus main; the supply of bus main.",
+        "          Evidence: the last 2 servos are missing.",
         "          → Push both plugs home.",
         "healed    The cable is disconnected.",
         "          cable_break bus/main/cable/1-2, acknowledged, 3 times",
