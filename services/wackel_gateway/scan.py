@@ -112,8 +112,10 @@ def id_list(text: str) -> list[int]:
         if match is None:
             raise argparse.ArgumentTypeError(f"{part!r} is no id and no range such as 1-20")
         first, last = int(match[1]), int(match[2] or match[1])
-        if not first <= last <= ALL_IDS[-1]:
+        if last > ALL_IDS[-1]:
             raise argparse.ArgumentTypeError(f"{part!r}: ids are 0 to {ALL_IDS[-1]}")
+        if first > last:
+            raise argparse.ArgumentTypeError(f"{part!r}: a range begins with the lower id")
         ids.extend(range(first, last + 1))
     return list(dict.fromkeys(ids))
 
