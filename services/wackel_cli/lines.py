@@ -73,9 +73,11 @@ def _describe(message: Message) -> str:
         case BusState():
             return "  ".join(_servo(servo) for servo in message.servos) or "no servo answered"
         case BusStatistics():
+            # Cycles are the gateway's own; where another is the master there are none.
+            rate = f"{message.cycle_rate:.1f} Hz  " if message.mode == "poll" else ""
             return (
                 f"{message.mode} {message.port} {'' if message.connected else 'NOT CONNECTED '}"
-                f"{message.cycle_rate:.1f} Hz  load {message.bus_load:.0%}  "
+                f"{rate}load {message.bus_load:.0%}  "
                 f"{message.transactions} transactions, {message.incomplete} incomplete  "
                 f"{message.stray_bytes + message.zero_bytes + message.bad_bytes} bytes outside "
                 "valid packets"

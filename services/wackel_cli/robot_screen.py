@@ -18,6 +18,9 @@ _STALE = "bright_black"
 _SILENT_S = 1.0  # without an answer: every servo is asked several times a second
 _VALUE_STALE_S = 30.0  # voltage and temperature are read in the background, seconds apart
 _CELL = 26  # columns of a servo in the compact form
+_MODEL, _LONGEST_MODEL = 10, 14  # columns
+_ROLE = 8  # columns at least
+_NUMBERS = 42  # columns of a servo's line but for model, role and faults
 _FAULT_LINES = 5  # what the servos leave to the faults before they become compact
 _SHOWN_STATUSES = ("confirmed", "unknown", "pending")
 
@@ -123,7 +126,9 @@ def _bus_line(bus: Bus, model: RobotModel, now_s: float) -> Text:
     line.append(f"  {statistics.mode} {statistics.port} {_baud(statistics.baud_rate)}")
     if not statistics.connected:
         line.append("  NOT CONNECTED", "bold red")
-    line.append(f"  {statistics.cycle_rate:.1f} Hz  load {statistics.bus_load:.0%}")
+    if statistics.mode == "poll":  # else the cycles are another master's
+        line.append(f"  {statistics.cycle_rate:.1f} Hz")
+    line.append(f"  load {statistics.bus_load:.0%}")
     line.append(f"  loss {_percent(bus.loss)}", _loss_style(bus.loss))
     if stale:
         line.stylize(_STALE)
@@ -174,9 +179,12 @@ class _Marks:
 
 
 def _table(bus: Bus, marks: _Marks, now_s: float, width: int) -> list[Text]:
-    """A line for each servo."""
-    wide = width >= 110
-    model_width, role_width = (14, 20) if wide else (10, 8)
+    """A line for each servo; roles have the room that faults leave them."""
+    servos = [servo.config for servo in bus.servos.values()]
+    model_width = min(max([_MODEL, *(len(servo.model) for servo in servos)]), _LONGEST_MODEL)
+    codes = max([0, *(sum(len(code) + 1 for code, _ in marks.codes(s.id)) for s in servos)])
+    room = width - _NUMBERS - model_width - codes
+    role_width = max(_ROLE, min(room, max([0, *(len(servo.role) for servo in servos)])))
     head = Text(
         f"    id {'model':<{model_width}} {'role':<{role_width}} {'Hz':>5} {'ms':>5} "
         f"{'loss':>5} {'rad':>6} {'V':>4} {'°C':>2}",

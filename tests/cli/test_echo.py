@@ -86,6 +86,19 @@ MESSAGES: dict[str, tuple[Message, str]] = {
         "poll /dev/ttyUSB0 NOT CONNECTED 100.0 Hz  load 42%  100 transactions, 3 incomplete  "
         "3 bytes outside valid packets",
     ),
+    "bus/legs/statistics": (
+        BusStatistics(
+            stamp=1,
+            mode="proxy",
+            port="/dev/ttyUSB1",
+            connected=True,
+            baud_rate=1_000_000,
+            transactions=100,
+            bus_load=0.42,
+        ),
+        "proxy /dev/ttyUSB1 load 42%  100 transactions, 0 incomplete  "
+        "0 bytes outside valid packets",
+    ),
     "bus/main/command": (
         BusCommand(stamp=1, goals=[ServoGoal(id=3), ServoGoal(id=5)]),
         "goals for 3, 5",

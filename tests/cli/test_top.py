@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -144,6 +145,26 @@ def test_the_first_line_tells_level_robot_summary_and_what_is_lost() -> None:
 def test_a_bus_shows_mode_port_rate_load_and_loss() -> None:
     lines = screen(seen(silent_from=4))
     assert lines[1] == "bus main  poll /dev/ttyX 1 Mbit/s  100.0 Hz  load 25%  loss 50%"
+
+
+def test_a_bus_of_another_master_shows_no_rate_of_its_own() -> None:
+    model = seen()
+    statistics = model.buses["main"].statistics
+    assert statistics is not None
+    model.on_statistics("main", msgspec.structs.replace(statistics, mode="tap"), 2.0)
+    assert screen(model)[1] == "bus main  tap /dev/ttyX 1 Mbit/s  load 25%  loss 0.0%"
+
+
+def test_a_long_role_has_the_room_that_faults_leave() -> None:
+    role = "left front ankle, roll"
+    model = seen()
+    servo = model.buses["main"].servos[3]
+    servo.config = msgspec.structs.replace(servo.config, role=role)
+    assert line_with(screen(model), role)
+    model.on_health(health(record("contact_resistance", CABLE)), 1.9)
+    assert line_with(screen(model), "left fro…")
+    assert line_with(screen(model), "╳●  4", "contact_resistance")
+    assert line_with(screen(model, width=100), role)
 
 
 def test_servos_stand_in_cable_order_with_rate_response_time_loss_and_values() -> None:
