@@ -81,6 +81,7 @@ _AREAS = {
     Series.X: _X,
     Series.MX: _X,
     Series.X330: (IndirectArea(168, 208, 20),),
+    Series.X335: (IndirectArea(168, 224, 28),),
     Series.P: (IndirectArea(168, 634, 128),),
     Series.XL320: (),
 }

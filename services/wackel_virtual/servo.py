@@ -53,6 +53,7 @@ _XL320_BITS = {0: 2, 2: 1, 5: 0}
 _RECOMMENDED_VOLTS = {
     Series.X: 12.0,
     Series.X330: 5.0,
+    Series.X335: 12.0,
     Series.MX: 12.0,
     Series.P: 24.0,
     Series.XL320: 7.4,

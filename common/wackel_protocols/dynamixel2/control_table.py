@@ -44,15 +44,15 @@ BAUD_RATES = (
 )
 """Bit/s by the value of the Baud Rate register (e-manual, "Baud Rate").
 
-Only the P series knows all; X and MX end at 7, the X330 series at 6, the XL-320 at 3.
+Only the P series knows all; X and MX end at 7, the X330 and X335 series at 6, the XL-320 at 3.
 """
 
 _RPM = tau / 60
 _X_VELOCITY = 0.0239691227
 """rad/s; the manual rounds it to 0.229 rev/min, the vendor's ``.model`` files give these digits."""
 _X_PWM_FULL, _P_PWM_FULL = 885, 2009
-_HIGHEST_BAUD_RATE = {Series.X: 7, Series.X330: 6, Series.MX: 7, Series.P: 9}
-_HIGHEST_VELOCITY_LIMIT = {Series.X: 1023, Series.X330: 2047, Series.MX: 1023}
+_HIGHEST_BAUD_RATE = {Series.X: 7, Series.X330: 6, Series.X335: 6, Series.MX: 7, Series.P: 9}
+_HIGHEST_VELOCITY_LIMIT = {Series.X: 1023, Series.X330: 2047, Series.X335: 2047, Series.MX: 1023}
 """The P series may not be set beyond its initial value."""
 _P_HIGHEST_GAIN = 32767
 _PER_MINUTE_SQUARED = tau / 3600
@@ -291,7 +291,7 @@ def _own_values(facts: Facts) -> dict[str, _Values]:
     """Initial value and limits by register where they are not the same for all series."""
     full_pwm = _P_PWM_FULL if facts.series is Series.P else _X_PWM_FULL
     own = {
-        "baud_rate": _Values(1, 0, _HIGHEST_BAUD_RATE[facts.series]),
+        "baud_rate": _Values(facts.baud_rate, 0, _HIGHEST_BAUD_RATE[facts.series]),
         "pwm_limit": _Values(full_pwm, 0, full_pwm),
         "current_limit": _Values(facts.current_limit, 0, facts.current_limit),
         "temperature_limit": _Values(facts.temperature_limit, 0, 100),
@@ -307,12 +307,15 @@ def _own_values(facts: Facts) -> dict[str, _Values]:
 def _own_x_values(facts: Facts) -> dict[str, _Values]:
     last = round(facts.resolution) - 1
     greatest_velocity = _HIGHEST_VELOCITY_LIMIT[facts.series]
+    low, high = 0, last
+    if facts.position_limit:
+        low, high = facts.centre - facts.position_limit, facts.centre + facts.position_limit
     return {
         "homing_offset": _Values(0, -1_044_479, 1_044_479),
         "moving_threshold": _Values(facts.moving_threshold, 0, 1023),
         "velocity_limit": _Values(facts.velocity_limit, 0, greatest_velocity),
-        "min_position_limit": _Values(0, 0, last),
-        "max_position_limit": _Values(last, 0, last),
+        "min_position_limit": _Values(low, 0, last),
+        "max_position_limit": _Values(high, 0, last),
     }
 
 

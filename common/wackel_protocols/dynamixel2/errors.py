@@ -28,6 +28,7 @@ _X_BITS = {
 _HARDWARE_ERRORS: dict[Series, dict[int, str]] = {
     Series.X: _X_BITS,
     Series.X330: _X_BITS,
+    Series.X335: _X_BITS,
     Series.MX: _X_BITS,
     Series.P: _X_BITS | {1: "motor Hall sensor"},
     Series.XL320: {0: "overload", 1: "overheating", 2: "input voltage"},

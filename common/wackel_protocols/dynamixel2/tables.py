@@ -21,6 +21,7 @@ class Series(StrEnum):
 
     X = "X"
     X330 = "X330"
+    X335 = "X335"
     MX = "MX"
     P = "P"
     XL320 = "XL320"
@@ -86,8 +87,9 @@ class Facts(NamedTuple):
         temperature_limit: Initial value, °C.
         shutdown: Initial value.
         moving_threshold: Initial value, raw.
+        baud_rate: Initial value, raw.
         acceleration_limit: Greatest value, raw; P series only.
-        position_limit: Initial value to both sides, raw; P series only.
+        position_limit: Initial value to both sides of the centre, raw; 0: a whole revolution.
         resolution: Pulses in a revolution.
         centre: Raw position that is 0 rad.
         has_current: Reports current; otherwise load.
@@ -105,6 +107,7 @@ class Facts(NamedTuple):
     temperature_limit: int | None = None
     shutdown: int | None = 52
     moving_threshold: int = 10
+    baud_rate: int = 1
     acceleration_limit: int = 0
     position_limit: int = 0
     resolution: float = 4096
@@ -190,7 +193,8 @@ P_ROWS = (
 LOAD_ROW = Row("present_load", 126, 2, Q.LOAD, access="r", signed=True)
 """Stands where models that measure current have Present Current."""
 
-# The unit of the two velocities is that of Joint Mode; in Wheel Mode it is 0.1 % of the greatest.
+# The unit of the two velocities is that of Joint Mode, in which 1023 are 114 rev/min. In Wheel Mode
+# 1023 are all that the motor can, which is the page's "No Load Speed" of 114 rev/min at 7.4 V.
 XL320_ROWS = (
     Row("model_number", 0, 2, area="eeprom", access="r"),
     Row("firmware_version", 2, 1, area="eeprom", access="r"),
@@ -229,12 +233,13 @@ FAST_SYNC_READ_FIRMWARE = {Series.X: 45, Series.X330: 46, Series.P: 12}
 """First firmware that knows fast sync read (e-manual, Protocol 2.0, "Fast Sync Read").
 
 rustypot 1.13 also has 46 for the XL330. Users of the vendor's SDK report no answer from an XL-320.
+Nothing is said of the X335 series.
 """
 
 _5_V, _12_V, _24_V = Voltages(31, 35, 70), Voltages(95, 95, 160), Voltages(110, 110, 300)
 _XL_V, _XC_V, _XC330_T_V = Voltages(60, 60, 140), Voltages(60, 60, 160), Voltages(55, 55, 140)
 _P_V = Voltages(150, 150, 350)
-_X, _X330, _MX = Series.X, Series.X330, Series.MX
+_X, _X330, _X335, _MX = Series.X, Series.X330, Series.X335, Series.MX
 
 
 def _load(name: str, number: int, velocity_limit: int, voltages: Voltages, degrees: int) -> Facts:
@@ -271,7 +276,8 @@ def _p(name: str, number: int, limits: tuple[int, int, int, int], half_turn: int
 
 
 # By number; then as in Facts: A for each raw unit, current limit, velocity limit, voltages, °C.
-# The XC330 measures the current at its supply, unlike the others (its page, "Current Limit").
+# The XC330 and the XM335 measure the current at their supply, unlike the others (their pages,
+# "Current Limit").
 MODELS = (
     Facts("MX-28", 30, _MX, None, None, 230, _12_V, 80, has_current=False),
     # 1941 is the control table's, in all editions, and the English text's; the Korean text and
@@ -314,6 +320,23 @@ MODELS = (
     Facts("XW430-T333", 1270, _X, 2.69e-3, 2047, 139, _12_V, 80, has_led=False),
     Facts("XW430-T200", 1280, _X, 2.69e-3, 2047, 235, _12_V, 80, has_led=False),
     Facts("XW540-H260", 1310, _X, 2.69e-3, 1188, 145, _24_V, 80, has_led=False),
+    # Without a page. The vendor's dynamixel_hardware_interface has its registers, its current
+    # without a unit, and its name, which before release 1.5.2 was XC335-T332.
+    Facts("XM335-T332", 1700, _X335, shutdown=None, baud_rate=3, position_limit=1024),
+    # Editions of its page differ in the velocity limit, 320 and 280; those of 280 have the other
+    # registers of the vendor's file.
+    Facts(
+        "XM335-T323",
+        1710,
+        _X335,
+        1e-3,
+        910,
+        280,
+        _XC330_T_V,
+        70,
+        baud_rate=3,
+        position_limit=1024,
+    ),
     _p("PH42-020-S300", 2000, (4500, 2920, 4_306_173, 303_454), 303_750),
     _p("PH54-100-S500", 2010, (15900, 2920, 4_255_632, 501_433), 501_923),
     # Its table has 52 for Shutdown, its text marks the bits of 58 as default.
