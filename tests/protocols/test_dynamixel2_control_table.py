@@ -408,6 +408,29 @@ def test_errors_are_told_in_words() -> None:
     assert describe_error(0x7F) == ["unknown error number 127"]
 
 
+@pytest.mark.parametrize(
+    ("number", "name"),
+    [
+        (1, "result fail"),
+        (2, "instruction"),
+        (3, "CRC"),
+        (4, "data range"),
+        (5, "data length"),
+        (6, "data limit"),
+        (7, "access"),
+    ],
+)
+def test_error_numbers_are_those_of_the_thesis_table_1_5(number: int, name: str) -> None:
+    (words,) = describe_error(number)
+    assert words.startswith(name)
+
+
+def test_hardware_errors_are_those_of_the_thesis_table_1_4() -> None:
+    names = ["input voltage", "overheating", "motor encoder", "electrical shock", "overload"]
+    assert hardware_errors(0b0011_1101) == names
+    assert hardware_errors(0b1100_0010) == ["unknown bit 1", "unknown bit 6", "unknown bit 7"]
+
+
 def test_hardware_errors_are_named_by_series() -> None:
     assert hardware_errors(0) == []
     assert hardware_errors(0b100101) == ["input voltage", "overheating", "overload"]

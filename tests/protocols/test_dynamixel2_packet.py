@@ -103,6 +103,12 @@ def test_the_builders_make_the_examples_of_the_manual(built: bytes, on_the_wire:
     assert bitwise_crc(built[:-2]) == int.from_bytes(built[-2:], "little")
 
 
+def test_the_answer_to_a_ping_is_that_of_the_thesis_table_1_3() -> None:
+    data = bytes.fromhex("fffffd000107005500060426655d")
+    assert decode(data) == StatusPacket(1, 0, b"\x06\x04\x26")
+    assert StatusPacket(1, 0, b"\x06\x04\x26").encode() == data
+
+
 @given(packets)
 def test_what_is_encoded_decodes_to_the_same(original: Packet) -> None:
     assert decode(original.encode()) == original
