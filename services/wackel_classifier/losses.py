@@ -8,6 +8,7 @@ their places and traces decide why.
 import math
 from collections import Counter, deque
 from collections.abc import Iterable
+from dataclasses import replace
 
 from wackel_classifier.chain import Chain
 from wackel_classifier.findings import Finding
@@ -200,7 +201,7 @@ class Losses:
         if reconnecting is not None:
             placed = [finding for finding in findings if finding.code == reconnecting.code]
             if reconnecting.confidence >= LIKELY or not placed:
-                findings = [reconnecting]
+                findings = [reconnecting, *self._besides(reconnecting, findings)]
         self._told = bool(findings)
         while self._strays and now_ns - self._strays[-1] > STRAY_NS:
             self._strays.clear()
@@ -215,6 +216,20 @@ class Losses:
                 )
             )
         return findings
+
+    def _besides(self, reconnecting: Finding, findings: list[Finding]) -> list[Finding]:
+        """What a window without an interruption tells of other places.
+
+        Before that its failures are the interruptions' own; a contact that was interrupted goes on
+        to flicker in its place, not in another one.
+        """
+        if self._interruptions[-1][0] > self._slot - self._samples:
+            return []
+        return [
+            replace(finding, since=self._events[0][1])
+            for finding in findings
+            if finding.component != reconnecting.component and finding.confidence >= SURE
+        ]
 
     def _commit(self, event: Event, stamp: int) -> None:
         position = event.position

@@ -177,6 +177,23 @@ def test_a_cable_that_was_off_once_and_is_put_back_is_no_loose_contact(seed: int
     assert rig.active() == []
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_cable_that_was_put_back_twice_hides_no_other_contact_for_long(seed: int) -> None:
+    rig = healthy(seed)
+    for _ in range(2):
+        rig.inject("break", 6)
+        rig.run(2.0)
+        rig.bus.heal()
+        rig.run(2.0)
+    put_back = ("loose_contact", "bus/main/cable/5-6")
+    assert rig.active() == [put_back]
+    rig.inject("loose_contact", 3, 8.0)
+    rig.run(12.0)
+    assert set(rig.active()) == {put_back, ("loose_contact", "bus/main/cable/2-3")}
+    since = {report.component: report.since for report in rig.classifier.active()}
+    assert since["bus/main/cable/2-3"] > since["bus/main/cable/5-6"]
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_a_silent_servo_where_most_answers_are_lost_never_leaves_the_bus_healthy(seed: int) -> None:
     rig = Rig(chain(SERVOS), seed)
