@@ -299,9 +299,8 @@ def _new_record(report: FaultReport, source: str) -> FaultRecord:
 
 
 def _updated(record: FaultRecord, report: FaultReport, service: str) -> FaultRecord:
-    frame = record.freeze_frame
-    if record.occurrences and frame is None and report.evidence != record.evidence:
-        frame = record.evidence
+    confirmed_with = record.freeze_frame or record.evidence
+    later = record.occurrences and report.evidence != confirmed_with
     return replace(
         record,
         message=report.message,
@@ -309,7 +308,7 @@ def _updated(record: FaultRecord, report: FaultReport, service: str) -> FaultRec
         confidence=report.confidence,
         suspects=report.suspects,
         evidence=report.evidence,
-        freeze_frame=frame,
+        freeze_frame=confirmed_with if later else None,
         service=service or record.service,
         last=report.stamp,
     )
