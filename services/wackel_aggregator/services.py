@@ -27,6 +27,8 @@ MAX_SERVICES = 64
 MOST_NAME = 128  # characters
 MOST_REASON = 2048
 _PLAYED = ("gateway/", "imu/")
+_PLAYS = "a recording is played in its place"
+_HAS_PLAYED = "the recording in its place has come to its end"
 
 
 @dataclass(slots=True)
@@ -153,8 +155,11 @@ class ServiceBook:
         is_played = self._is_played
         for service in self._services.values():
             status, reason = _judge(service, now.monotonic_ns)
-            if is_played and status in ("starting", "dead") and service.name.startswith(_PLAYED):
-                status, reason = "stopped", "a recording is played in its place"
+            if status in ("starting", "dead") and service.name.startswith(_PLAYED):
+                if is_played:
+                    status, reason = "stopped", _PLAYS
+                elif service.reason in (_PLAYS, _HAS_PLAYED) and not service.token:
+                    status, reason = "stopped", _HAS_PLAYED
             if status != service.status:
                 self._log.add(service.name, service.status, status, now)
                 service.since_ns, service.since_utc = now.monotonic_ns, now.utc_ns

@@ -394,8 +394,12 @@ def test_a_recording_that_is_played_stands_for_the_gateways() -> None:
     gateway = robot.service("gateway/main")
     assert (gateway.status, gateway.reason) == ("stopped", "a recording is played in its place")
     robot.states["playback/main"] = "stopping"
-    robot.run(1)
+    robot.run(2 * START_UP_S)
     assert robot.health.level == "unknown"  # again nobody tells anything
+    assert robot.health.faults == []  # and nobody has died
+    assert robot.service("gateway/main").reason == "the recording in its place has come to its end"
+    robot.start("gateway/main", 99)
+    assert robot.health.level == "ok"
 
 
 def test_two_processes_under_one_name_are_told_apart_and_do_not_flap(robot: Robot) -> None:
