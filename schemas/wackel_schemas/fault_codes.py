@@ -209,7 +209,7 @@ FAULT_CODES: dict[str, FaultCode] = {
     "low_supply": FaultCode(
         "{component} delivers too little voltage to all servos.",
         "Charge the battery or check the supply. Servos that have raised an alert keep it until "
-        "they are rebooted (wackel servo reboot).",
+        "they are rebooted (wackel servo reboot all).",
         "warning",
     ),
     "frozen_values": FaultCode(

@@ -35,7 +35,7 @@ GROUPS: dict[str, dict[str, Command]] = {
     },
     "Set it up": {
         "scan": Command("wackel_gateway.scan", "find servos and write a robot.toml"),
-        "servo": Command("wackel_cli.servo", "ping, read, write or reboot one servo"),
+        "servo": Command("wackel_cli.servo", "ping, read, write or reboot servos"),
         "doctor": Command("wackel_cli.doctor", "check what is most often wrong on a computer"),
         "explain": Command("wackel_diagnoser.explain", "which drive faults can be told apart"),
         "config": Command("wackel_cli.config", "check robot.toml and print it with all defaults"),

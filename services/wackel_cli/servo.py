@@ -1,4 +1,4 @@
-"""``wackel servo``: talk to one servo of a running robot, through its gateway."""
+"""``wackel servo``: talk to servos of a running robot, through its gateway."""
 
 import argparse
 import sys
@@ -6,6 +6,7 @@ from typing import Literal
 
 import msgspec
 
+from wackel_gateway.scan import id_list
 from wackel_node.arguments import add_config, config_of
 from wackel_node.config import BusConfig, RobotConfig
 from wackel_node.errors import FAILED, OK, USAGE, Explained
@@ -17,6 +18,8 @@ _EPILOG = """\
 examples:
   wackel servo ping 5
   wackel servo reboot 5                       clears a hardware error
+  wackel servo reboot all                     all that robot.toml lists
+  wackel servo read 1-4,7 present_temperature
   wackel servo read 5 present_position
   wackel servo write 5 return_delay_time 0    raw, as in the control table
   wackel servo factory-reset 5 --yes          all registers but id and baud rate
@@ -25,8 +28,11 @@ The gateway does it between two cycles, so the robot goes on meanwhile. In the
 modes proxy and tap the gateway sends nothing of its own: there the control
 software has to do it.
 
-exit codes: 0 done, 1 the servo did not do it, 2 wrong usage, 3 no robot reached
+With several servos, --json prints a list.
+
+exit codes: 0 done, 1 a servo did not do it, 2 wrong usage, 3 no robot reached
 """
+_ALL: list[int] = []  # stands for all servos of the bus
 _TIMEOUT_S = 5.0  # a reboot and a write that moves into EEPROM wait for the servo
 
 _OPERATIONS: dict[str, Literal["ping", "reboot", "read", "write", "factory_reset"]] = {
@@ -49,45 +55,59 @@ def main(argv: list[str]) -> int:
     bus = arguments.bus or _only_bus(config)
     if bus not in config.buses:
         raise _BadUsage(f"there is no bus {bus!r}; known are {', '.join(config.buses) or 'none'}")
+    servos = list(config.buses[bus].ids()) if arguments.ids is _ALL else arguments.ids
     if arguments.operation == "factory-reset" and not arguments.yes:
-        raise _BadUsage(f"this erases what servo {arguments.id} was set to; say so with --yes")
+        named = ", ".join(map(str, servos))
+        raise _BadUsage(f"this erases what servo {named} was set to; say so with --yes")
     if getattr(arguments, "register", None) == "id" and arguments.operation == "write":
-        _check_id(arguments.id, arguments.value, config.buses[bus])
-    request = BusRequest(
-        operation=_OPERATIONS[arguments.operation],
-        id=arguments.id,
-        register=getattr(arguments, "register", None),
-        value=getattr(arguments, "value", None),
-    )
+        _check_id(servos, arguments.value, config.buses[bus])
+    replies = []
     with Link(config) as link:
-        try:
-            reply = link.ask(keys.BUS_REQUEST, request, _TIMEOUT_S, bus=bus)
-        except TimeoutError as error:
-            raise NotReached(
-                f"no gateway of bus {bus} answers: start it with `wackel up`"
-            ) from error
+        for servo in servos:
+            request = BusRequest(
+                operation=_OPERATIONS[arguments.operation],
+                id=servo,
+                register=getattr(arguments, "register", None),
+                value=getattr(arguments, "value", None),
+            )
+            try:
+                reply = link.ask(keys.BUS_REQUEST, request, _TIMEOUT_S, bus=bus)
+            except TimeoutError as error:
+                raise NotReached(
+                    f"no gateway of bus {bus} answers: start it with `wackel up`"
+                ) from error
+            replies.append(reply)
+            if not arguments.json:
+                who = f"servo {servo}: " if len(servos) > 1 else ""
+                print(f"{who}{reply.text}", file=sys.stdout if reply.ok else sys.stderr, flush=True)
     if arguments.json:
-        print(msgspec.json.format(msgspec.json.encode(reply), indent=2).decode())
-    else:
-        print(reply.text, file=sys.stdout if reply.ok else sys.stderr)
-    return OK if reply.ok else FAILED
+        told = replies[0] if len(replies) == 1 else replies
+        print(msgspec.json.format(msgspec.json.encode(told), indent=2).decode())
+    return OK if all(reply.ok for reply in replies) else FAILED
 
 
-def _check_id(servo: int, wanted: int, bus: BusConfig) -> None:
+def _ids(text: str) -> list[int]:
+    """``all``, or ids as :func:`.id_list` takes them."""
+    return _ALL if text == "all" else id_list(text)
+
+
+def _check_id(servos: list[int], wanted: int, bus: BusConfig) -> None:
     """Two servos of one id answer at once and can no longer be told apart, nor renamed."""
-    if wanted != servo and wanted in bus.ids():
+    if len(servos) > 1:
+        raise _BadUsage("an id is for one servo only")
+    if wanted not in servos and wanted in bus.ids():
         raise _BadUsage(f"id {wanted} is taken: robot.toml lists another servo with it on this bus")
 
 
 def _parser() -> argparse.ArgumentParser:
     common = argparse.ArgumentParser(add_help=False)
-    common.add_argument("id", type=int, metavar="ID", help="of the servo, 0 to 252")
+    common.add_argument("ids", type=_ids, metavar="IDS", help="5, or 1-4,7, or all")
     common.add_argument("--bus", metavar="B", help="which bus, if there are several")
     common.add_argument("--json", action="store_true", help="print the answer as JSON")
     add_config(common)
     parser = argparse.ArgumentParser(
         prog="wackel servo",
-        description="Pings, reads, writes or reboots one servo of a running robot.",
+        description="Pings, reads, writes or reboots servos of a running robot.",
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

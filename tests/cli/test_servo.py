@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests import robot
+from tests.conftest import wait_until
 from wackel_cli.servo import main
 from wackel_node.errors import Explained
 from wackel_node.link import NotReached
@@ -37,6 +38,23 @@ def test_a_servo_is_pinged_read_written_and_rebooted(
     assert "rebooted" in capsys.readouterr().out
 
 
+def test_several_servos_are_asked_one_after_the_other(
+    path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = ["--config", str(path)]
+    wait_until(lambda: main(["ping", "all", *config]) == 0)  # one may have been rebooted
+    capsys.readouterr()
+    assert main(["reboot", "all", *config]) == 0
+    assert capsys.readouterr().out.count("rebooted") == 3
+    wait_until(lambda: main(["ping", "all", *config]) == 0)
+    capsys.readouterr()
+    assert main(["read", "1-2,3", "id", "--json", *config]) == 0
+    assert [reply["value"] for reply in json.loads(capsys.readouterr().out)] == [1, 2, 3]
+    assert main(["ping", "2,9,3", *config]) == 1
+    told = capsys.readouterr()
+    assert (told.out.count("model number"), told.err.count("no status packet")) == (2, 1)
+
+
 def test_who_is_not_there_is_told_and_gives_exit_code_1(
     path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -50,6 +68,7 @@ def test_who_is_not_there_is_told_and_gives_exit_code_1(
         (["ping", "2", "--bus", "left"], "there is no bus 'left'; known are main"),
         (["factory-reset", "2"], "say so with --yes"),
         (["write", "2", "id", "3"], "id 3 is taken"),
+        (["write", "all", "id", "9"], "for one servo only"),
     ],
 )
 def test_what_makes_no_sense_is_refused_before_anything_is_sent(
