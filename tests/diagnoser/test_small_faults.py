@@ -152,6 +152,15 @@ def test_slip_that_bad_calibration_forces_is_no_change() -> None:
     assert rig.reports == []
 
 
+def test_a_motor_that_pulls_all_others_along_is_named_though_all_miss_their_references() -> None:
+    """On soft tyres nothing slips; how much drives give way has never shown before."""
+    rig = Rig.of("judge9/mujoco/3/70", 3, physics="mujoco")
+    rig.drive(31.7)
+    rig.inject("drive_scale", "w0", 0.16)
+    rig.drive(2.5)
+    assert rig.active() == [("wheel_deviates", "wheel/w0/drive")]
+
+
 @pytest.fixture(scope="module")
 def warm() -> Rig:
     rig = Rig.of("tune/small")
