@@ -94,7 +94,6 @@ class Diagnoser:
             sequential=self._sequential,
             small=self._small,
             references=self._references,
-            history=self._history,
         )
         self._findings = Findings(
             layout,

@@ -57,6 +57,7 @@ class Sequential:
         sums: The cumulative sums, shape (K,).
         memory: Fading log-likelihoods, shape (K,), up to a constant.
         alarm_s: For how long there has been an alarm.
+        lead: Logarithm of how much likelier what was proposed last is than any other.
     """
 
     def __init__(self, prior: Floats, same: list[int], limit: float) -> None:
@@ -66,6 +67,7 @@ class Sequential:
         self._limit = limit
         self._highest = 0.0
         self.alarm_s = 0.0
+        self.lead = 0.0
         self.verdict = 0
         self.sums = np.zeros(len(prior))
         self.memory = np.zeros(len(prior))
@@ -106,8 +108,8 @@ class Sequential:
         explanation = int(self._same[best])
         if explanation == self.verdict or self.sums[best] < self._limit / 2:
             return None
-        others = logarithm[self._same != explanation]
-        if logarithm[best] - others.max() < LEAD and self.alarm_s < PATIENCE_S:
+        self.lead = float(logarithm[best] - logarithm[self._same != explanation].max())
+        if self.lead < LEAD and self.alarm_s < PATIENCE_S:
             return None
         return explanation
 

@@ -8,6 +8,9 @@ from wackel_diagnoser.history import DRIVING_M_S, STANDING
 STANDS_S = 0.5
 """For how long a wheel must have stood while another rolled to be faulty: motors need a tenth of
 that to follow. Where all stand, one may hold all others, or the robot may have been stopped."""
+JAMMED_S = 0.03
+"""For how long it has stood altogether to be one that sticks; with play and lag, one that turns
+round stands for a step."""
 FOLLOWS = 0.25
 """Share of its speed by which a wheel that does what it is told may be off on average: a motor that
 pulls against a blocked wheel as hard as the tyre grips loses so much at half speed."""
@@ -24,12 +27,13 @@ class Standing:
 
     def __init__(self, rolls: int) -> None:
         self._stood_s = [0.0] * rolls
+        self._altogether_s = [0.0] * rolls
         self._off = [0.0] * rolls
         self._told = [0.0] * rolls
 
     def begin(self) -> None:
         """Nothing is known."""
-        for values in (self._stood_s, self._off, self._told):
+        for values in (self._stood_s, self._altogether_s, self._off, self._told):
             values[:] = [0.0] * len(values)
 
     def step(
@@ -62,12 +66,17 @@ class Standing:
                 self._stood_s[roll] = 0.0
             elif moves:
                 self._stood_s[roll] += seconds
+                self._altogether_s[roll] += seconds
         if rests:  # how a wheel came to rest says nothing of how it leaves it
             self._stood_s = [0.0] * len(self._stood_s)
 
     def rows(self) -> list[int]:
         """Those that stand while others roll."""
         return [roll for roll, seconds in enumerate(self._stood_s) if seconds >= STANDS_S]
+
+    def stood(self, roll: int) -> bool:
+        """Whether a wheel has stood since the beginning, though it may roll now."""
+        return self._altogether_s[roll] >= JAMMED_S
 
     def follows(self, roll: int) -> bool:
         """Whether a wheel rolls as it is told."""

@@ -10,17 +10,15 @@ the others are dragged.
 from collections import deque
 from collections.abc import Sequence
 
-import numpy as np
-
 from wackel_diagnoser.forced import ForcedMotion, can_force
-from wackel_diagnoser.history import STICKING, History
 from wackel_diagnoser.hypotheses import Class, Hypotheses
 from wackel_diagnoser.kinds import WINDOW_S, KindTest
 from wackel_diagnoser.reference import Target
 from wackel_diagnoser.references import ReferenceErrors
-from wackel_diagnoser.rows import MOVING_M_S, Measured, Rows
-from wackel_diagnoser.sequential import Sequential
+from wackel_diagnoser.rows import Measured, Rows
+from wackel_diagnoser.sequential import LEAD, Sequential
 from wackel_diagnoser.small_faults import SmallFaults
+from wackel_diagnoser.soundness import Soundness
 from wackel_diagnoser.standing import Standing
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
@@ -31,11 +29,6 @@ SOUND_S = 1.0
 """For how long a part must have shown itself sound before it is healed."""
 UNSTUCK_S = 3.0
 """The same of a wheel that stood: one that sticks now and then rolls well in between."""
-CONTRARY = 0.5
-"""Evidence of one step for the fault that begins this anew."""
-TRAVELLED_RAD = 0.1
-"""How far a steering must have been told to turn meanwhile, or have turned since the verdict: one
-that is blocked looks sound until then."""
 DRAGGED_S = 1.0
 """How long an alarm must last to name a second wheel that rolls as it is told: what a faulty one
 makes the others slip changes with the motion, within a second."""
@@ -55,7 +48,6 @@ class Verdicts:
         sequential: What residuals propose.
         small: What changes of constants propose.
         references: How well it is known how wheels force each other.
-        history: The last seconds of each wheel.
 
     Attributes:
         since: Stamp of the first evidence for the verdict.
@@ -73,14 +65,12 @@ class Verdicts:
         sequential: Sequential,
         small: SmallFaults,
         references: ReferenceErrors,
-        history: History,
     ) -> None:
         self._hypotheses = hypotheses
         self._rows = rows
         self._sequential = sequential
         self._small = small
         self._references = references
-        self._history = history
         self._rolls = layout.drive.roll_wheels.tolist()
         self._drives = [component.wheel_drive(layout.names[i]) for i in self._rolls]
         self._motion = ForcedMotion(layout) if can_force(layout.drive) else None
@@ -91,9 +81,7 @@ class Verdicts:
         self._standing = Standing(len(self._rolls))
         self._numbers = {frozenset(names): i for i, names in enumerate(hypotheses.explanations)}
         self._is_small = False
-        self._sound_s = self._travelled = 0.0
-        self._heading_then = np.zeros(len(layout.names))  # when the verdict was passed
-        self._told_before: Floats | None = None
+        self._soundness = Soundness(hypotheses, rows)
         self._recent: deque[tuple[Measured, Floats, Floats, float]] = deque(maxlen=ALARM_STEPS)
         self._block: list[tuple[Step, Target, Measured, list[float]]] = []
 
@@ -128,9 +116,9 @@ class Verdicts:
         """
         sequential = self._sequential
         if sequential.verdict:
-            self._watch_soundness(step, target, likelihood)
+            self._watch_soundness(step, target, evidence[:2], likelihood)
             self._watch_standing(step, target, evidence[0])
-        changed = self._follow(step)
+        changed = self._follow(step, target)
         self._recent.append((*evidence, step.seconds))
         test = self.test
         if test is not None and test.seconds < WINDOW_S:
@@ -151,7 +139,7 @@ class Verdicts:
             self.kind = kind
         return changed
 
-    def _follow(self, step: Step) -> bool:
+    def _follow(self, step: Step, target: Target) -> bool:
         """Takes what is proposed, if it may replace the verdict; says whether it did."""
         sequential, explanations = self._sequential, self._hypotheses.explanations
         verdict, small = sequential.verdict, self._small.found
@@ -171,8 +159,7 @@ class Verdicts:
         if (stand & now) - names or (names > now and self._are_dragged(names - now)):
             return False
         if names < now and not (
-            self._sound_s >= SOUND_S  # the least; how much it is takes long to say
-            and self._sound_s >= self._sound_needed_s()
+            self._soundness.lasts(self._sound_needed_s())
             and (small is None or small.component not in now)
         ):
             return False
@@ -180,6 +167,7 @@ class Verdicts:
         self._is_small = is_small
         if not names:
             self._small.forget()
+        self._soundness.begin(explanations[proposal], step, target)
         self._take(explanations[proposal], step)
         return True
 
@@ -188,8 +176,6 @@ class Verdicts:
         if not components:
             self._standing.begin()
         self.since = step.begin
-        self._heading_then = step.heading
-        self._sound_s = self._travelled = 0.0
         self.test, self.kind = None, ""
         places = [self._hypotheses.place(path) for path in components]
         self.steers_wrong = any(place is not None and place[0] == "steering" for place in places)
@@ -209,9 +195,11 @@ class Verdicts:
     def _are_dragged(self, added: set[str]) -> bool:
         """Whether parts that a proposal adds do what they are told: the named one makes them slip.
 
-        While a wheel stands, it does so all the time; otherwise for a while.
+        While a wheel stands, it does so all the time; otherwise for a while, or wherever another
+        part explains what is seen hardly better.
         """
-        lasts = self._sequential.alarm_s >= DRAGGED_S and not self._standing.rows()
+        lasts = self._sequential.alarm_s >= DRAGGED_S and self._sequential.lead >= LEAD
+        lasts = lasts and not self._standing.rows()
         if self.kind == "sensor" or lasts:
             return False
         return all(self._follows(path) for path in added)
@@ -232,35 +220,14 @@ class Verdicts:
 
     def _sound_needed_s(self) -> float:
         """For how long what is faulty must look sound to be so."""
-        for path in self.components:
-            part, wheel = self._hypotheses.place(path) or ("", 0)
-            if part == "drive":
-                share = self._history.standing_share(self._rows.roll_of(wheel), self.since)
-                if share is not None and share >= STICKING:
-                    return UNSTUCK_S
-        return SOUND_S
+        named = (roll for roll, path in enumerate(self._drives) if path in self.components)
+        return UNSTUCK_S if any(map(self._standing.stood, named)) else SOUND_S
 
-    def _watch_soundness(self, step: Step, target: Target, likelihood: Floats) -> None:
-        """For how long the faulty part has shown that nothing is wrong with it."""
-        hypotheses, members = self._hypotheses, self._hypotheses.members
-        faulty = members[self._sequential.verdict]
-        evidence = float(likelihood[faulty].max() - likelihood[members[0]].max())
-        before, self._told_before = self._told_before, target.heading
-        shows = True
-        for path in self.components:
-            place = hypotheses.place(path)
-            if place is None:
-                continue
-            part, wheel = place
-            roll = self._rows.roll_of(wheel)
-            shows &= roll < 0 or abs(float(target.speed[roll])) > MOVING_M_S
-            if part == "steering" and before is not None:
-                turned = abs(float(target.heading[wheel] - before[wheel]))
-                # Half turns are the same direction.
-                self._travelled += turned if turned < 1.0 else 0.0
-                moved = abs(float(step.heading[wheel] - self._heading_then[wheel]))
-                shows &= max(self._travelled, moved) > TRAVELLED_RAD
-        if evidence > CONTRARY:
-            self._sound_s = self._travelled = 0.0
-        elif shows:
-            self._sound_s += step.seconds
+    def _watch_soundness(
+        self, step: Step, target: Target, rows: tuple[Measured, Floats], likelihood: Floats
+    ) -> None:
+        """Whether what is named shows that nothing is wrong with it."""
+        members = self._hypotheses.members
+        faulty = likelihood[members[self._sequential.verdict]].max()
+        evidence = float(faulty - likelihood[members[0]].max())
+        self._soundness.step(step, target, *rows, evidence)

@@ -67,8 +67,18 @@ def test_a_wheel_follows_that_loses_no_more_than_a_motor_under_load() -> None:
     assert [wheels.follows(roll) for roll in range(3)] == [True, True, False]
 
 
+def test_a_wheel_has_stood_that_rolls_again_but_not_one_that_turned_round() -> None:
+    wheels = Standing(3)
+    wheels.step((0.5, 0.5, 0.5), (0.0, 0.5, 0.5), STEP_S, (True,) * 3)
+    for _ in range(5):
+        wheels.step((0.5, 0.5, 0.5), (0.5, 0.0, 0.5), STEP_S, (True,) * 3)
+    for _ in range(100):
+        wheels.step((0.5, 0.5, 0.5), (0.5, 0.5, 0.5), STEP_S, (True,) * 3)
+    assert [wheels.stood(roll) for roll in range(3)] == [False, True, False]
+
+
 def test_nothing_is_known_of_a_wheel_at_the_beginning() -> None:
     wheels = standing((0.5, 0.5, 0.5), (0.5, 0.0, 0.5))
     wheels.begin()
     assert wheels.rows() == []
-    assert not any(wheels.follows(roll) for roll in range(3))
+    assert not any(wheels.follows(roll) or wheels.stood(roll) for roll in range(3))

@@ -70,6 +70,23 @@ def test_a_wheel_that_sticks_is_told_from_one_that_is_blocked(warm: Rig) -> None
     assert rig.active() == [("wheel_sticks", "wheel/w1/drive")]
 
 
+def test_a_wheel_that_seldom_sticks_stays_named_in_between() -> None:
+    rig = Rig.of("judge9/fast/3/11", 3)
+    rig.drive(31.0)
+    rig.inject("wheel_temporarily_blocked", "w0", 0.36)
+    rig.drive(3.0)
+    assert rig.active() == [("wheel_sticks", "wheel/w0/drive")]
+    assert {report.component for report in rig.reports} == {"wheel/w0/drive"}
+
+
+def test_what_a_blocked_steering_drags_for_long_is_no_second_fault() -> None:
+    rig = Rig.of("judge9/fast/4/11", 4)
+    rig.drive(31.76)
+    rig.inject("steering_blocked", "w1")
+    rig.drive(3.0)
+    assert {report.component for report in rig.reports} == {"wheel/w1/steering"}
+
+
 def test_a_gyro_that_jumps_is_named(warm: Rig) -> None:
     rig = warm.copy()
     rig.inject("gyro_offset", value=0.2)
