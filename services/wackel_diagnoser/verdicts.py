@@ -29,6 +29,11 @@ SOUND_S = 1.0
 """For how long a part must have shown itself sound before it is healed."""
 UNSTUCK_S = 3.0
 """The same of a wheel that stood: one that sticks now and then rolls well in between."""
+PUSHED_S = 0.4
+"""The same of what pushed the robot: it has let go, and there is nothing that may come loose again;
+with the alarm that takes the verdict back, half a second."""
+PUSHES_NS = 500_000_000
+"""For how long something pushes: what was a fault of a part for longer was no push."""
 DRAGGED_S = 1.0
 """How long an alarm must last to name a second wheel that rolls as it is told: what a faulty one
 makes the others slip changes with the motion, within a second."""
@@ -156,6 +161,8 @@ class Verdicts:
                 return False
             proposal, is_small = explanations.index((small.component,)), True
         names = set(explanations[proposal])
+        if names == {component.DRIVE} and step.end - self.since > PUSHES_NS and now:
+            return False
         if (stand & now) - names or (names > now and self._are_dragged(names - now)):
             return False
         if names < now and not (
@@ -220,6 +227,8 @@ class Verdicts:
 
     def _sound_needed_s(self) -> float:
         """For how long what is faulty must look sound to be so."""
+        if self.components == (component.DRIVE,):
+            return PUSHED_S
         named = (roll for roll, path in enumerate(self._drives) if path in self.components)
         return UNSTUCK_S if any(map(self._standing.stood, named)) else SOUND_S
 

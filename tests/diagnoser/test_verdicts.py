@@ -97,7 +97,10 @@ def test_a_gyro_that_jumps_is_named(warm: Rig) -> None:
 def test_a_push_is_over_and_excludes_nobody_for_long(warm: Rig) -> None:
     rig = warm.copy()
     rig.inject("push", value=1.0)
-    rig.drive(5.0)
+    rig.drive(1.0)  # it pushes for 0.2 s
+    assert "drive_disturbed" in {report.code for report in rig.reports}
+    assert rig.active() == []
+    rig.drive(4.0)
     assert rig.active() == []
 
 
