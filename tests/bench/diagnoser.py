@@ -7,8 +7,9 @@ this prints, were not.
 
 Named: at the end of the run the faulty components, and no others, are reported. Kind: and as the
 right kind, sensor or actuator, or the right row of the paper's table 1; of a steering half a degree
-off it is right to say that this motion does not tell. The paper: the component that its Steps I to
-IV name most often in the same run.
+off it is right to say that this motion does not tell. Times count from the fault, whether it could
+show by then or not; what is a share of a wheel's speed is watched until that has been told to roll.
+The paper: the component that its Steps I to IV name most often in the same run.
 """
 
 # ruff: noqa: E402
@@ -46,6 +47,11 @@ ROBOTS = 100
 HEALTHY_S = 600.0
 """Driving without a fault of each robot of the second table."""
 SETTLE_S = 2.5
+ROLLS_M = 0.5
+"""How far a wheel must have been told to roll to show what is a share of its speed: a tenth of that
+is a gap of 5 cm, and a tenth of nothing is nothing."""
+LONGEST_S = 10.0
+"""But it is watched no longer."""
 SMALL_S = 15.0
 """For how long the smallest faults that count are watched."""
 
@@ -65,7 +71,8 @@ class Kind:
         value: Draws a strength.
         codes: Which of the fault codes are right.
         fault: The class, for the paper; empty where it is not asked.
-        lasts_s: How long it is watched.
+        lasts_s: How long it is watched at least.
+        rolls_m: How far its wheel must have been told to roll meanwhile.
         named: The share of runs in which it should be named; 0: none is aimed at.
         first_s: Time to the first report that is aimed at, median; 0: none.
         untold: Why it cannot be told; empty where it can.
@@ -77,6 +84,7 @@ class Kind:
     value: Callable[[Random], float | None] = lambda _: None
     fault: str = ""
     lasts_s: float = SETTLE_S
+    rolls_m: float = 0.0
     named: float = 0.995
     first_s: float = 0.0
     untold: str = ""
@@ -98,6 +106,7 @@ KINDS = (
         ("wheel_sticks", "wheel_blocked"),
         _between(0.3, 0.9),
         "actuator",
+        rolls_m=ROLLS_M,
     ),
     Kind("wheel free, torque off", ("wheel_free",), ("wheel_free",), fault="actuator"),
     Kind("wheel off its motor", ("wheel_loose",), ("wheel_free",), lasts_s=5.0, named=0.95),
@@ -107,6 +116,7 @@ KINDS = (
         ("wheel_deviates",),
         _either_way(0.1, 0.5),
         "actuator",
+        rolls_m=ROLLS_M,
     ),
     Kind("steering blocked", ("steering_blocked",), ("steering_blocked",), fault="actuator"),
     Kind(
@@ -137,6 +147,7 @@ KINDS = (
         ("wheel_sensor",),
         _either_way(0.1, 0.5),
         "sensor",
+        rolls_m=ROLLS_M,
         first_s=0.05,
     ),
     Kind(
@@ -311,8 +322,11 @@ def befall(rig: Rig, number: int, seed: str) -> Outcome:
             ground = fault == "ice_patch"
             true.add(component.DRIVE if ground else f"wheel/{names[wheel]}/{part}")
     votes: Counter[tuple[tuple[str, ...], str]] = Counter()
-    for _ in range(round(kind.lasts_s * 10)):
+    tenths, rolled_m = 0, 0.0
+    while tenths < 10 * kind.lasts_s or (rolled_m < kind.rolls_m and tenths < 10 * LONGEST_S):
+        rolled_m += 0.1 * _told(rig, wheels[0])
         rig.drive(0.1)
+        tenths += 1
         votes[_paper(rig.residuals)] += 1
     started = [
         report
@@ -335,6 +349,13 @@ def befall(rig: Rig, number: int, seed: str) -> Outcome:
         set(by_paper) == true,
         set(by_paper) == true and fault == kind.fault,
     )
+
+
+def _told(rig: Rig, wheel: int) -> float:
+    """Speed at which a wheel is told to roll now, m/s."""
+    vx, vy, omega = rig.path[rig.cycles % len(rig.path)].tolist()
+    x, y = Layout(rig.config).drive.xy[wheel].tolist()
+    return math.hypot(vx - omega * y, vy + omega * x)
 
 
 def _paper(residuals: Residuals | None) -> tuple[tuple[str, ...], str]:
