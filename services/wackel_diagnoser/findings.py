@@ -92,7 +92,7 @@ class Findings:
             is_free = any(each.component == components[0] for each in free)
             single = self._single(components[0], is_free, now)
             # A wheel without torque that swings in its play is no further fault; a blocked one is.
-            if not is_free or single.code in STOOD:
+            if not is_free or (single.code in STOOD and self._verdicts.stands(components[0])):
                 found.append(single)
         return found
 

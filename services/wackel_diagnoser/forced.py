@@ -172,7 +172,14 @@ class ForcedMotion:
         return self.predict(heading + self._to_beta, seen.speed, seen.acceleration, before)
 
     def compare(
-        self, seen: Observed, motion: Motion, power: float, worse: Floats, costly: Floats
+        self,
+        seen: Observed,
+        motion: Motion,
+        power: float,
+        worse: Floats,
+        costly: Floats,
+        *,
+        far: bool = False,
     ) -> tuple[Floats, Floats]:
         """How well each case explains what is seen.
 
@@ -183,6 +190,8 @@ class ForcedMotion:
             worse: How much larger variances are than expected, shape (2 + n,).
             costly: Power that the same floor takes in each of F further cases in which no wheel
                 stands off, m²/s³, shape (F,).
+            far: Whether a wheel may stand so far off that no case explains the motion. Such a miss
+                then says nothing, or the case that expects the least would win.
 
         Returns:
             Twice the negative logarithms of the likelihoods, up to a constant, shape (K + F,); and
@@ -207,7 +216,9 @@ class ForcedMotion:
         usual = variance * worse
         miss = off + effect
         wide = usual + (UNSURE * effect) ** 2
-        costs = np.minimum(miss * miss / wide, BOUND) + np.log(wide / usual)
+        spread = np.log(wide / usual)
+        bound = BOUND - spread if far else BOUND
+        costs = np.minimum(miss * miss / wide, bound) + spread
         return costs.sum(axis=1), squares
 
     def grip_power(self, seen: Observed, angle: Floats) -> Floats:

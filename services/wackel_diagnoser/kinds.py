@@ -129,7 +129,8 @@ class KindTest:
         headings[0, wheel] = seen.told[wheel]
         self._before = motion.move(seen, headings, self._before)
         power = references.slip_power(seen)
-        costs, _ = motion.compare(seen, self._before, power, references.worse, NOTHING)
+        worse = references.worse
+        costs, _ = motion.compare(seen, self._before, power, worse, NOTHING, far=True)
         self._forced += 0.5 * INDEPENDENT * float(costs[0] - costs[1])
         self._is_forced = True
 

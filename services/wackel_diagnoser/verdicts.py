@@ -95,6 +95,10 @@ class Verdicts:
         """What is taken to be faulty; none: nothing is."""
         return self._hypotheses.explanations[self._sequential.verdict]
 
+    def stands(self, path: str) -> bool:
+        """Whether a part is a drive whose wheel stands while others roll."""
+        return any(self._drives[roll] == path for roll in self._standing.rows())
+
     def void(self) -> None:
         """What was concluded before no longer holds."""
         self._sequential.forget()
@@ -138,8 +142,10 @@ class Verdicts:
                     test.force(self._block, self._rows, self._motion, self._references)
                     self._block.clear()
             kind, small = test.kind(), self._small.found
-            if small is not None and self._is_small:
-                kind = small.kind or (kind if test.clear else "")
+            if small is not None and (self._is_small or small.component in self.components):
+                # What is constant tells a motor from its sensor better than what they cost.
+                unknown: Class = kind if test.clear or not self._is_small else ""
+                kind = small.kind or unknown
             changed |= kind != self.kind
             self.kind = kind
         return changed

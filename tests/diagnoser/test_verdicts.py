@@ -1,5 +1,7 @@
 """Verdicts on faults of a simulated robot: named, replaced, healed."""
 
+from typing import Any
+
 import pytest
 
 from tests.diagnoser.rig import SEED, SHORT_WARM_UP_S, Rig
@@ -85,6 +87,27 @@ def test_what_a_blocked_steering_drags_for_long_is_no_second_fault() -> None:
     rig.inject("steering_blocked", "w1")
     rig.drive(3.0)
     assert {report.component for report in rig.reports} == {"wheel/w1/steering"}
+
+
+@pytest.mark.parametrize(
+    ("seed", "after_s", "fault", "named"),
+    [
+        # It drags the others through slip that neither of its kinds explains.
+        ("14", 30.26, ("steering_blocked", "w1"), ("steering_blocked", "wheel/w1/steering")),
+        # What it costs the motors would say the other, for a while.
+        ("20", 30.63, ("drive_sensor_scale", "w0", 0.03), ("wheel_sensor", "wheel/w0/drive")),
+        # The floor hardly moves it now and then.
+        ("35", 30.55, ("wheel_free", "w0"), ("wheel_free", "wheel/w0/drive")),
+    ],
+)
+def test_a_kind_once_told_is_kept(
+    seed: str, after_s: float, fault: tuple[Any, ...], named: tuple[str, str]
+) -> None:
+    rig = Rig.of(f"judge9/fast/3/{seed}", 3)
+    rig.drive(after_s)
+    rig.inject(*fault)
+    rig.drive(3.0)
+    assert rig.active() == [named]
 
 
 def test_a_gyro_that_jumps_is_named(warm: Rig) -> None:
