@@ -307,12 +307,19 @@ class _Tests:
         self, changes: Floats, window: _Sums, usual: Floats, unsure: Floats, forced: Floats
     ) -> None:
         self._changes, self.usual = changes, usual
-        information = window.information / (1.0 + forced)[:, None]
-        seen = (window.right - window.information @ usual) / (1.0 + forced)
-        told = np.column_stack((information, seen))
-        left = np.linalg.solve(np.eye(len(usual)) + information @ unsure, told)
+        count = len(usual)
+        told = np.empty((count, count + 1))  # the information, and what it says of the change
+        information, seen = told[:, :-1], told[:, -1]
+        heard = 1.0 / (1.0 + forced)
+        np.multiply(window.information, heard[:, None], out=information)
+        np.multiply(window.right, heard, out=seen)
+        seen -= information @ usual
+        mixed = information @ unsure
+        mixed.flat[:: count + 1] += 1.0
+        left = np.linalg.solve(mixed, told)
         self._information, self._seen = left[:, :-1], left[:, -1]
-        self._told = np.maximum(np.vecdot(changes @ self._information, changes), 1e-9)
+        self._told = np.vecdot(changes @ self._information, changes)
+        np.maximum(self._told, 1e-9, out=self._told)
         for_it = changes @ self._seen
         self.size = for_it / self._told
         self.variance: Floats = 1.0 / self._told
