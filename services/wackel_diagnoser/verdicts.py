@@ -17,7 +17,7 @@ from wackel_diagnoser.reference import Target
 from wackel_diagnoser.references import ReferenceErrors
 from wackel_diagnoser.rows import Measured, Rows
 from wackel_diagnoser.sequential import LEAD, Sequential
-from wackel_diagnoser.small_faults import SmallFaults
+from wackel_diagnoser.small_faults import Change, SmallFaults
 from wackel_diagnoser.soundness import Soundness
 from wackel_diagnoser.standing import Standing
 from wackel_drive.alignment import Step
@@ -37,6 +37,9 @@ PUSHES_NS = 500_000_000
 DRAGGED_S = 1.0
 """How long an alarm must last to name a second wheel that rolls as it is told: what a faulty one
 makes the others slip changes with the motion, within a second."""
+HOLDS = 0.05
+"""Share by which a motor may be wrong while its wheel yields to the others as is assumed; where it
+is more the tyre skids, as if its sensor were wrong."""
 ALARM_STEPS = 4
 """How long an alarm takes at least."""
 FORCED_STEPS = 5
@@ -142,10 +145,8 @@ class Verdicts:
                     test.force(self._block, self._rows, self._motion, self._references)
                     self._block.clear()
             kind, small = test.kind(), self._small.found
-            if small is not None and (self._is_small or small.component in self.components):
-                # What is constant tells a motor from its sensor better than what they cost.
-                unknown: Class = kind if test.clear or not self._is_small else ""
-                kind = small.kind or unknown
+            if small is not None and self._tells_kind(small):
+                kind = small.kind or (kind if test.clear or not self._is_small else "")
             changed |= kind != self.kind
             self.kind = kind
         return changed
@@ -183,6 +184,11 @@ class Verdicts:
         self._soundness.begin(explanations[proposal], step, target)
         self._take(explanations[proposal], step)
         return True
+
+    def _tells_kind(self, small: Change) -> bool:
+        """Whether what is constant tells a motor from its sensor better than what they cost."""
+        here = small.component in self.components and abs(small.size) < HOLDS
+        return self._is_small or here
 
     def _take(self, components: Sequence[str], step: Step) -> None:
         """A new verdict."""
