@@ -7,7 +7,6 @@ losses. What a service took in it tells on ``inputs/<service>/<instance>``; this
 from bisect import insort
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import TypeAlias
 
@@ -26,7 +25,6 @@ _Id: TypeAlias = tuple[str, int, int]
 """Key, boot, seq; publishers that do not number give the same one to many."""
 
 
-@dataclass(slots=True, eq=False)
 class Input:
     """A message that a service takes in.
 
@@ -37,13 +35,13 @@ class Input:
         id: By which a word names it.
     """
 
-    key: str
-    message: Message
-    arrived_ns: int
-    id: _Id = field(init=False)
+    __slots__ = ("arrived_ns", "id", "key", "message")
 
-    def __post_init__(self) -> None:
-        self.id = self.key, self.message.boot, self.message.seq
+    def __init__(self, key: str, message: Message, arrived_ns: int) -> None:
+        self.key = key
+        self.message = message
+        self.arrived_ns = arrived_ns
+        self.id: _Id = (key, message.boot, message.seq)
 
 
 class Restart:
