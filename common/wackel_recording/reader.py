@@ -171,6 +171,8 @@ class RecordingFile:
 
     def _learn(self, channel: Channel, wanted: Wanted) -> None:
         key = channel.topic.removeprefix(self._prefix)
+        if key == channel.topic and channel.id not in self._channels:
+            self._note(f"its head is of robot {self.about.robot!r}, the key {key!r} of another")
         self._channels[channel.id] = key if key != channel.topic and wanted(key) else None
 
     def _note(self, text: str) -> None:

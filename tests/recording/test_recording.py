@@ -295,6 +295,17 @@ def test_a_damaged_file_gives_only_messages_that_were_recorded_and_tells_of_the_
         assert file.damage
 
 
+def test_a_head_that_names_another_robot_than_the_keys_is_told(
+    sound: bytes, tmp_path: Path
+) -> None:
+    path = tmp_path / "harmed.mcap"
+    path.write_bytes(sound.replace(b"testbot", b"tes\0bot", 1))
+    file = RecordingFile(path)
+    assert list(file.entries()) == []
+    (told,) = file.damage
+    assert "of robot 'tes\\x00bot', the key 'wackel/testbot/bus/main/state' of another" in told
+
+
 @settings(max_examples=200, deadline=None)
 @given(tail=st.binary(max_size=400))
 def test_any_bytes_behind_a_sound_head_are_read_without_a_crash(
