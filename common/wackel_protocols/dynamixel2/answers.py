@@ -1,8 +1,10 @@
 """The answers to one instruction, matched with what was expected: the hot path.
 
 A healthy answer has one layout that is known in advance, so it is checked as a whole: one unpack,
-one CRC call for each servo, no object for any of them. Whatever departs from that layout by one
-byte goes through :mod:`.scanner`, with the same result type and the same findings.
+one CRC call for each servo, no object for any of them. Where servos are silent, or a rhythmic
+jammer sends its zeros, answers still follow each other, and are taken as long as they do. Whatever
+else departs from the layout by one byte goes through :mod:`.scanner`, with the same result type and
+the same findings.
 """
 
 from collections.abc import Callable, Iterable
@@ -31,6 +33,7 @@ from wackel_protocols.dynamixel2.packet import (
 from wackel_protocols.dynamixel2.scanner import Kind, Segment, scan
 
 _FOREIGN = frozenset((Kind.ZEROS, Kind.STRAY))
+_RUN = HEADER[:3]
 
 
 class Status(NamedTuple):
@@ -137,6 +140,7 @@ class AnswerReader:
             itemgetter(errors[0], *errors) if errors else bytes
         )
         lengths = expectation.lengths
+        self._each: list[tuple[int, int, bytes, int]] = []  # id, length, prefix and its CRC
         if expectation.fast:
             # The bytes between one CRC's start and the next, then again ids and CRCs as numbers.
             first, *others = lengths
@@ -157,6 +161,7 @@ class AnswerReader:
                 for servo_id, length in zip(expectation.ids, lengths, strict=True)
             )
             self._seeds = tuple(map(umts, self._prefixes))
+            self._each = [*zip(expectation.ids, lengths, self._prefixes, self._seeds, strict=True)]
 
     def read(self, data: bytes) -> Answers:
         """Read everything that came after one instruction; offsets count from ``data[0]``."""
@@ -180,7 +185,7 @@ class AnswerReader:
 
     def _is_healthy(self, data: bytes) -> bool:
         # FF FF FD elsewhere than at a packet's start means stuffing, which shifts the parameters.
-        if data.count(HEADER[:3]) != len(self._seeds):
+        if data.count(_RUN) != len(self._seeds):
             return False
         fields = self._unpack(data)
         return (
@@ -202,10 +207,11 @@ class AnswerReader:
     def _account(self, data: bytes) -> Answers:
         """The same for any bytes whatever."""
         expectation = self.expectation
-        segments = scan(data, runs=False)
-        answered: dict[int, Status] = {}
+        segments, answered, at = self._in_order(data)
         unexpected: list[Status] = []
-        for segment in segments:
+        rest = scan(data[at:], runs=False, start=at)
+        segments += rest
+        for segment in rest:
             if segment.kind in _FOREIGN:
                 continue
             for status in self._statuses_of(segment, data):
@@ -223,6 +229,36 @@ class AnswerReader:
             and self._as_expected(statuses)
         )
         return Answers(statuses, missing, tuple(unexpected), None if clean else segments)
+
+    def _in_order(self, data: bytes) -> tuple[list[Segment], dict[int, Status], int]:
+        """What data begins with: intact answers in order, before any of them at most a zero.
+
+        Returns:
+            The account of that, the answers by id, and where it ends.
+        """
+        segments: list[Segment] = []
+        answered: dict[int, Status] = {}
+        at = 0
+        for servo_id, length, prefix, crc in self._each:
+            start = at + data.startswith(b"\0", at)
+            if not data.startswith(prefix, start):
+                continue
+            end = start + length
+            body = data[start + PREFIX_BYTES + 1 : end - 2]
+            if (
+                end > len(data)
+                or umts(body, crc) != data[end - 2] | data[end - 1] << 8
+                # It is stuffed, or another packet's header is within.
+                or data.find(_RUN, start + 1, end) >= 0
+            ):
+                break
+            if start > at:
+                segments.append(Segment(Kind.ZEROS, at, start))
+            packet = StatusPacket(servo_id, body[0], body[1:])
+            segments.append(Segment(Kind.PACKET, start, end, packet, None, servo_id))
+            answered[servo_id] = Status(servo_id, packet.error, packet.parameters, end)
+            at = end
+        return segments, answered, at
 
     def _statuses_of(self, segment: Segment, data: bytes) -> list[Status]:
         if self.expectation.fast and data.startswith(self._prefix, segment.start):

@@ -94,14 +94,15 @@ class Scanner:
         runs: Split what is in no packet into runs of zeros and of other bytes. If not, it is one
             segment from packet to packet, ``ZEROS`` if it holds nothing else: a jammer makes
             hundreds of runs, and who only counts bytes need not pay for each.
+        start: Offset of the first byte.
     """
 
-    def __init__(self, data: bytes = b"", *, runs: bool = True) -> None:
+    def __init__(self, data: bytes = b"", *, runs: bool = True, start: int = 0) -> None:
         self._runs = runs
         self._buffer = data
-        self._base = 0  # offset of the buffer's first byte
-        self._done = 0  # everything before is in a segment or in the open run
-        self._searched = 0  # every header that starts before is in the two collections below
+        self._base = start  # offset of the buffer's first byte
+        self._done = start  # everything before is in a segment or in the open run
+        self._searched = start  # every header that starts before is in the two collections below
         self._frames: deque[_Frame] = deque()  # by start, none before _done
         self._waiting: list[tuple[int, int]] = []  # heap of (end, start) not yet checked
         self._run: Segment | None = None  # zeros or stray bytes that may go on
@@ -244,6 +245,6 @@ class Scanner:
             self._run = None
 
 
-def scan(data: bytes, *, runs: bool = True) -> list[Segment]:
-    """The segments of a whole recording; ``runs`` as in :class:`Scanner`."""
-    return Scanner(data, runs=runs).finish()
+def scan(data: bytes, *, runs: bool = True, start: int = 0) -> list[Segment]:
+    """The segments of a whole recording; ``runs`` and ``start`` as in :class:`Scanner`."""
+    return Scanner(data, runs=runs, start=start).finish()
