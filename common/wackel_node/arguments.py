@@ -1,10 +1,12 @@
 """Arguments that the commands share."""
 
 import argparse
+import re
 from pathlib import Path
 
 from wackel_node import log
 from wackel_node.config import RobotConfig, load
+from wackel_protocols.dynamixel2.packet import MAX_ID
 
 DEFAULT = Path("robot.toml")
 
@@ -46,3 +48,23 @@ def configured(parser: argparse.ArgumentParser, argv: list[str], service: str) -
 def add_verbose(parser: argparse.ArgumentParser) -> None:
     """Adds ``--verbose``."""
     parser.add_argument("--verbose", action="store_true", help="log more")
+
+
+def id_list(text: str) -> list[int]:
+    """Ids of servos as people write them: ``1-20,30``; each once.
+
+    Raises:
+        argparse.ArgumentTypeError: They are none.
+    """
+    ids: list[int] = []
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*([0-9]{1,3})(?:-([0-9]{1,3}))?\s*", part)
+        if match is None:
+            raise argparse.ArgumentTypeError(f"{part!r} is no id and no range such as 1-20")
+        first, last = int(match[1]), int(match[2] or match[1])
+        if last > MAX_ID:
+            raise argparse.ArgumentTypeError(f"{part!r}: ids are 0 to {MAX_ID}")
+        if first > last:
+            raise argparse.ArgumentTypeError(f"{part!r}: a range begins with the lower id")
+        ids.extend(range(first, last + 1))
+    return list(dict.fromkeys(ids))

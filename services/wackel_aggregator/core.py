@@ -174,7 +174,10 @@ class Aggregator:
         return HealthReply(stamp=now.utc_ns, ok=ok, text=text, health=self.health(now))
 
     def unsaved(self) -> bool:
-        """Whether the latest health must outlive a restart: it tells changes since the last one."""
+        """Whether the latest health must outlive a restart; to be asked once of each.
+
+        It must if it tells changes since the last one that had to.
+        """
         before, self._saved = self._saved, self._log.next_number
         return before != self._saved
 

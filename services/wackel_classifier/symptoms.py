@@ -144,11 +144,7 @@ def _by_places(expectation: Expectation, answers: Answers, data: bytes) -> Sympt
         place = places.get(segment.id, -1) if segment.id is not None else -1
         if place < turn:
             continue  # somebody who was not asked, or a second answer
-        if place == turn and len(gap) == 1 and gap[0].kind is _ZEROS:
-            # Nobody is missing; a rhythmic jammer does this in front of each.
-            symptoms.zeros += gap[0].end - gap[0].start
-            gap = []
-        elif gap or place > turn:
+        if gap or place > turn:
             unheard = _missing(outcomes, turn, place) if place > turn else []
             _judge_gap(symptoms, expectation.lengths, unheard, gap, data, followed=True)
             gap = []

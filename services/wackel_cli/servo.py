@@ -6,8 +6,7 @@ from typing import Literal
 
 import msgspec
 
-from wackel_gateway.scan import id_list
-from wackel_node.arguments import add_config, config_of
+from wackel_node.arguments import add_config, config_of, id_list
 from wackel_node.config import BusConfig, RobotConfig
 from wackel_node.errors import FAILED, OK, USAGE, Explained
 from wackel_node.link import Link, NotReached
@@ -28,11 +27,10 @@ The gateway does it between two cycles, so the robot goes on meanwhile. In the
 modes proxy and tap the gateway sends nothing of its own: there the control
 software has to do it.
 
-With several servos, --json prints a list.
+With several servos or all, --json prints a list.
 
 exit codes: 0 done, 1 a servo did not do it, 2 wrong usage, 3 no robot reached
 """
-_ALL: list[int] = []  # stands for all servos of the bus
 _TIMEOUT_S = 5.0  # a reboot and a write that moves into EEPROM wait for the servo
 
 _OPERATIONS: dict[str, Literal["ping", "reboot", "read", "write", "factory_reset"]] = {
@@ -55,7 +53,9 @@ def main(argv: list[str]) -> int:
     bus = arguments.bus or _only_bus(config)
     if bus not in config.buses:
         raise _BadUsage(f"there is no bus {bus!r}; known are {', '.join(config.buses) or 'none'}")
-    servos = list(config.buses[bus].ids()) if arguments.ids is _ALL else arguments.ids
+    servos = arguments.ids or list(config.buses[bus].ids())
+    if not servos:
+        raise _BadUsage(f"robot.toml lists no servos of bus {bus}; name them")
     if arguments.operation == "factory-reset" and not arguments.yes:
         named = ", ".join(map(str, servos))
         raise _BadUsage(f"this erases what servo {named} was set to; say so with --yes")
@@ -81,14 +81,14 @@ def main(argv: list[str]) -> int:
                 who = f"servo {servo}: " if len(servos) > 1 else ""
                 print(f"{who}{reply.text}", file=sys.stdout if reply.ok else sys.stderr, flush=True)
     if arguments.json:
-        told = replies[0] if len(replies) == 1 else replies
+        told = replies[0] if len(arguments.ids) == 1 else replies
         print(msgspec.json.format(msgspec.json.encode(told), indent=2).decode())
     return OK if all(reply.ok for reply in replies) else FAILED
 
 
 def _ids(text: str) -> list[int]:
-    """``all``, or ids as :func:`.id_list` takes them."""
-    return _ALL if text == "all" else id_list(text)
+    """Ids as :func:`.id_list` takes them; none for ``all``."""
+    return [] if text == "all" else id_list(text)
 
 
 def _check_id(servos: list[int], wanted: int, bus: BusConfig) -> None:

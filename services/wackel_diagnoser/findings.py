@@ -125,13 +125,15 @@ class Findings:
                 return self._finding("command_not_followed", path, "the wheels agree on another")
             return self._finding("gyro_deviates", path, "all wheels agree on another yaw rate")
         part, wheel = place
-        history, said, since = self._history, self._said, self._verdicts.since
-        stood = said is not None and said.component == path and said.since == since
-        stood = stood and said is not None and said.code in STOOD
-        if said is not None and stood:
+        history, stood, since = self._history, self._said, self._verdicts.since
+        if stood is not None and (
+            (stood.component, stood.since) != (path, since) or stood.code not in STOOD
+        ):
+            stood = None
+        if stood is not None:
             lately = max(since, now - AGAIN_NS)
             if not history.standing_share(self._rows.roll_of(wheel), lately):
-                return said  # it rolls again: still watched, but with no other fault
+                return stood  # it rolls again: still watched, but with no other fault
         if self._verdicts.kind == "sensor" and not is_free:
             what = "the gyro and the motors say that the robot moves as the others show"
             return self._finding(f"{'wheel' if part == 'drive' else part}_sensor", path, what)
@@ -147,7 +149,7 @@ class Findings:
         share = history.standing_share(self._rows.roll_of(wheel), since)
         if share is not None and share >= BLOCKED:
             said = self._finding("wheel_blocked", path, "it stands though it is told to roll")
-        elif share is not None and (stood or share >= STICKING):
+        elif share is not None and (stood is not None or share >= STICKING):
             said = self._finding("wheel_sticks", path, f"it stood for {share:.0%} of the time")
         else:
             said = self._finding("wheel_deviates", path, "it slips against all others")

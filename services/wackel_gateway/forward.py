@@ -37,7 +37,7 @@ _SOON_MS = 50
 _IDLE_MS = 1000
 _FIRST_RETRY_NS = 50_000_000
 _LAST_RETRY_NS = 1_000_000_000
-_NICE = -10
+_NICE = -10  # where real-time priority is not allowed, but this is
 MAX_RECORD = _READ_BYTES + _HEAD.size
 STOP = b"stop"
 

@@ -1,7 +1,6 @@
 """``wackel scan``: who is on a bus, and a robot.toml to start from."""
 
 import argparse
-import re
 import signal
 import sys
 from collections.abc import Sequence
@@ -18,6 +17,7 @@ from serial.tools import list_ports
 from wackel_gateway.port import Port, PortLost
 from wackel_gateway.survey import ALL_IDS, Found, Survey
 from wackel_node import log
+from wackel_node.arguments import id_list
 from wackel_node.config import BusConfig, RobotConfig, ServoConfig
 from wackel_node.errors import FAILED, OK, USAGE, Explained
 from wackel_node.toml_text import toml_text
@@ -102,22 +102,6 @@ def _parse(argv: list[str]) -> argparse.Namespace:
     parser.add_argument("--write", metavar="FILE", type=Path, help="write a robot.toml")
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     return parser.parse_args(argv)
-
-
-def id_list(text: str) -> list[int]:
-    """Ids as people write them: ``1-20,30``. Raises ArgumentTypeError."""
-    ids: list[int] = []
-    for part in text.split(","):
-        match = re.fullmatch(r"\s*([0-9]{1,3})(?:-([0-9]{1,3}))?\s*", part)
-        if match is None:
-            raise argparse.ArgumentTypeError(f"{part!r} is no id and no range such as 1-20")
-        first, last = int(match[1]), int(match[2] or match[1])
-        if last > ALL_IDS[-1]:
-            raise argparse.ArgumentTypeError(f"{part!r}: ids are 0 to {ALL_IDS[-1]}")
-        if first > last:
-            raise argparse.ArgumentTypeError(f"{part!r}: a range begins with the lower id")
-        ids.extend(range(first, last + 1))
-    return list(dict.fromkeys(ids))
 
 
 def _only_port() -> str:

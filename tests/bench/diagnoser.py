@@ -322,9 +322,9 @@ def befall(rig: Rig, number: int, seed: str) -> Outcome:
             ground = fault == "ice_patch"
             true.add(component.DRIVE if ground else f"wheel/{names[wheel]}/{part}")
     votes: Counter[tuple[tuple[str, ...], str]] = Counter()
-    tenths, rolled_m = 0, 0.0
+    tenths, rolled_m, place = 0, 0.0, Layout(rig.config).drive.xy[wheels[0]].tolist()
     while tenths < 10 * kind.lasts_s or (rolled_m < kind.rolls_m and tenths < 10 * LONGEST_S):
-        rolled_m += 0.1 * _told(rig, wheels[0])
+        rolled_m += 0.1 * _told(rig, place)
         rig.drive(0.1)
         tenths += 1
         votes[_paper(rig.residuals)] += 1
@@ -351,10 +351,10 @@ def befall(rig: Rig, number: int, seed: str) -> Outcome:
     )
 
 
-def _told(rig: Rig, wheel: int) -> float:
-    """Speed at which a wheel is told to roll now, m/s."""
+def _told(rig: Rig, place: tuple[float, float]) -> float:
+    """Speed at which a wheel at a place, m, is told to roll now, m/s."""
     vx, vy, omega = rig.path[rig.cycles % len(rig.path)].tolist()
-    x, y = Layout(rig.config).drive.xy[wheel].tolist()
+    x, y = place
     return math.hypot(vx - omega * y, vy + omega * x)
 
 

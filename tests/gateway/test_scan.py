@@ -1,6 +1,5 @@
 """``wackel scan``: what it finds, what it writes, what it says when there is nothing."""
 
-import argparse
 import json
 import tomllib
 from pathlib import Path
@@ -10,28 +9,13 @@ from rich.console import Console
 
 from tests.gateway.conftest import IDS, Bus, StartGateway
 from wackel_gateway.port import Port
-from wackel_gateway.scan import BadUsage, NoPort, _table, id_list, main, robot_toml
+from wackel_gateway.scan import BadUsage, NoPort, _table, main, robot_toml
 from wackel_gateway.survey import ALL_IDS, Found, Survey
 from wackel_node.config import load, parse
 
 
 def found(servo_id: int, baud_rate: int = 1_000_000, model: str | None = "XM430-W210") -> Found:
     return Found(id=servo_id, baud_rate=baud_rate, model_number=1030, model=model, firmware=50)
-
-
-def test_ids_are_written_as_people_write_them() -> None:
-    assert id_list("1-3,7,2") == [1, 2, 3, 7]
-    for nonsense, why in {
-        "": "no id",
-        "a": "no id",
-        "1-": "no id",
-        "-1": "no id",
-        "253": "0 to 252",
-        "3-253": "0 to 252",
-        "5-2": "begins with the lower",
-    }.items():
-        with pytest.raises(argparse.ArgumentTypeError, match=why):
-            id_list(nonsense)
 
 
 def test_the_robot_toml_loads_and_says_what_it_does_not_know() -> None:

@@ -134,10 +134,8 @@ class Scanner:
                 continue
             frame = buffer[start - base : end - base]
             if umts(frame[:-2]) == frame[-2] | frame[-1] << 8:
-                if frames[0][0] != start:
+                if start > self._done:
                     self._settle(start, segments, final=True)
-                elif start > self._done:
-                    self._extend_runs(start, segments)  # which is all there is to settle
                 if self._run is not None:
                     segments.append(self._run)
                     self._run = None
