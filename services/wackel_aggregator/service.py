@@ -8,6 +8,7 @@ from wackel_aggregator.core import Aggregator
 from wackel_aggregator.store import Store
 from wackel_node.config import RobotConfig
 from wackel_node.node import Node
+from wackel_node.precedence import DIAGNOSIS, come_first
 from wackel_schemas import keys, wire
 from wackel_schemas.fault import FaultReport
 from wackel_schemas.health import FaultRecord, HealthReply, HealthRequest, Heartbeat
@@ -46,6 +47,7 @@ def run(config: RobotConfig) -> None:
     Raises:
         Taken: Another aggregator of this robot is running.
     """
+    come_first(DIAGNOSIS)
     with (
         Store(state_directory(config), config.robot) as store,
         Node("aggregator", "main", config) as node,

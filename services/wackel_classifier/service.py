@@ -6,12 +6,14 @@ from wackel_classifier.core import BusClassifier
 from wackel_node.config import RobotConfig
 from wackel_node.fault_publisher import FaultPublisher
 from wackel_node.node import Node
+from wackel_node.precedence import DIAGNOSIS, come_first
 from wackel_schemas import keys, wire
 from wackel_schemas.bus import Transaction
 
 
 def run(config: RobotConfig) -> None:
     """Classifies until the process is told to stop."""
+    come_first(DIAGNOSIS)
     with Node("classifier", "main", config) as node:
         node.keep_journal()
         classifiers = {

@@ -18,6 +18,7 @@ from wackel_node.arguments import config_of
 from wackel_node.config import BusConfig, RobotConfig
 from wackel_node.config_drive import GyroConfig
 from wackel_node.errors import FAILED, OK
+from wackel_node.precedence import BUS, may_come_first
 
 PYTHON = (3, 11)
 ZENOH = (1, 10)
@@ -62,6 +63,7 @@ def examine(config: RobotConfig, root: Path = Path("/")) -> Iterator[Finding]:
             yield _gyro(name, gyro, root)
     yield _modem_manager(root)
     yield _governor(root)
+    yield _precedence()
 
 
 def _python() -> Finding:
@@ -199,6 +201,19 @@ def _governor(root: Path) -> Finding:
         "warning",
         f"{seen}: the CPU wakes slowly",
         "`echo performance | sudo tee /sys/devices/system/cpu/cpu*/cpufreq/scaling_governor`",
+    )
+
+
+def _precedence() -> Finding:
+    check = "real-time priority"
+    if may_come_first():
+        return Finding(check, "good", "allowed")
+    return Finding(
+        check,
+        "warning",
+        f"{_user()} may not take it: answers and faults wait for other programs",
+        f"`echo '{_user()} - rtprio {BUS}' | sudo tee /etc/security/limits.d/wackel.conf`, "
+        "then log in again",
     )
 
 

@@ -27,6 +27,7 @@ from time import monotonic_ns
 from typing import NamedTuple
 
 from wackel_gateway.port import Port, PortLost
+from wackel_node.precedence import BUS, come_first
 
 _READ_BYTES = 65536
 _TCGETS2 = 0x802C542A  # asm-generic/ioctls.h; termios.tcgetattr knows no rates above 4 Mbit/s
@@ -37,7 +38,6 @@ _SOON_MS = 50
 _IDLE_MS = 1000
 _FIRST_RETRY_NS = 50_000_000
 _LAST_RETRY_NS = 1_000_000_000
-_NICE = -10  # where real-time priority is not allowed, but this is
 MAX_RECORD = _READ_BYTES + _HEAD.size
 STOP = b"stop"
 
@@ -302,27 +302,14 @@ def _terminal(path: Path) -> Iterator[int]:
         os.close(master)
 
 
-def _come_first() -> None:
-    """Takes precedence over other processes, as far as the system allows.
-
-    Each chunk of an answer also wakes the gateway, behind which forwarding the next would have to
-    wait: on two cores, with a library that polls, that is most of what a sync read is delayed. The
-    gateway may be of real-time priority itself, which is inherited.
-    """
-    above = os.sched_getparam(0).sched_priority + 1
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(above))
-    except OSError:
-        with suppress(OSError):
-            os.nice(_NICE)
-
-
 def main(argv: list[str]) -> int:
     """Runs the forwarder of a :class:`Task`, given as a JSON list; returns the exit code."""
     task = Task(*json.loads(argv[0]))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the gateway's to handle
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    _come_first()
+    # Each chunk of an answer also wakes the gateway, behind which forwarding the next would wait:
+    # on two cores, with a library that polls, that is most of what a sync read is delayed.
+    come_first(BUS)
     path = Path(task.proxy_port)
     if path.exists() and not path.is_symlink():
         print(f"proxy_port = {task.proxy_port!r} exists and is no link of ours", file=sys.stderr)

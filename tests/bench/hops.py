@@ -19,6 +19,7 @@ from tests.conftest import wait_until
 from tests.robot import process
 from wackel_node.config import RobotConfig, load
 from wackel_node.link import session
+from wackel_node.precedence import DIAGNOSIS, come_first
 
 _RELAYS = 2  # classifier, aggregator
 _BYTES = 900  # a transaction of 20 servos; a fault report is a third longer
@@ -87,6 +88,7 @@ def _key(number: int) -> str:
 def main(argv: list[str]) -> int:
     """A relay: passes on what arrives until it is killed."""
     number = int(argv[1])
+    come_first(DIAGNOSIS)  # as those do whose way it is
     with session(load(Path(argv[0])), "peer") as relay:
         publisher = relay.declare_publisher(
             _key(number + 1), congestion_control=zenoh.CongestionControl.DROP

@@ -40,16 +40,23 @@ def config(tmp_path: Path) -> RobotConfig:
     return RobotConfig(zenoh=NOWHERE, buses={"main": BusConfig(port=str(port))})
 
 
-def test_a_computer_in_order_only_has_to_be_started(config: RobotConfig, tmp_path: Path) -> None:
+def test_a_computer_in_order_only_has_to_be_started(
+    config: RobotConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("wackel_cli.doctor.may_come_first", lambda: True)
     findings = found(config, computer(tmp_path / "root", governor="performance"))
     assert [f.check for f in findings.values() if f.result != "good"] == ["rendezvous"]
     assert "wackel up" in findings["rendezvous"].remedy
 
 
-def test_what_costs_time_is_a_warning_with_its_remedy(config: RobotConfig, tmp_path: Path) -> None:
+def test_what_costs_time_is_a_warning_with_its_remedy(
+    config: RobotConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("wackel_cli.doctor.may_come_first", lambda: False)
     root = computer(tmp_path / "root", "16\n", ("init", "ModemManager"), "powersave")
     findings = found(config, root)
-    for check in ("latency timer of bus main", "ModemManager", "CPU governor"):
+    costly = ("latency timer of bus main", "ModemManager", "CPU governor", "real-time priority")
+    for check in costly:
         assert findings[check].result == "warning"
         assert findings[check].remedy
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.robot import SERVICES, Robot, chain, running
+from wackel_node.precedence import may_come_first
 from wackel_schemas import component
 
 pytestmark = pytest.mark.process
@@ -44,6 +45,8 @@ def test_a_killed_service_is_told_recovers_and_loses_no_fault(robot: Robot, serv
     assert fault.occurrences == 1
     restarted = robot.pids()
     assert {name for name in pids if restarted[name] != pids[name]} == {service}
+    if may_come_first():  # all on the way from the wire to health, also the restarted one
+        assert {os.sched_getscheduler(restarted[name]) for name in SERVICES} == {os.SCHED_FIFO}
     assert sorted(robot.numbers) == list(range(max(robot.numbers) + 1))
 
     robot.heal()
