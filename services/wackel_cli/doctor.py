@@ -18,7 +18,7 @@ from wackel_node.arguments import config_of
 from wackel_node.config import BusConfig, RobotConfig
 from wackel_node.config_drive import GyroConfig
 from wackel_node.errors import FAILED, OK
-from wackel_node.precedence import BUS, may_come_first
+from wackel_node.precedence import CONTROL, may_come_first
 
 PYTHON = (3, 11)
 ZENOH = (1, 10)
@@ -212,7 +212,7 @@ def _precedence() -> Finding:
         check,
         "warning",
         f"{_user()} may not take it: answers and faults wait for other programs",
-        f"`echo '{_user()} - rtprio {BUS}' | sudo tee /etc/security/limits.d/wackel.conf`, "
+        f"`echo '{_user()} - rtprio {CONTROL}' | sudo tee /etc/security/limits.d/wackel.conf`, "
         "then log in again",
     )
 

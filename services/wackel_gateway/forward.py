@@ -27,7 +27,7 @@ from time import monotonic_ns
 from typing import NamedTuple
 
 from wackel_gateway.port import Port, PortLost
-from wackel_node.precedence import BUS, come_first
+from wackel_node.precedence import CONTROL, come_first
 
 _READ_BYTES = 65536
 _TCGETS2 = 0x802C542A  # asm-generic/ioctls.h; termios.tcgetattr knows no rates above 4 Mbit/s
@@ -309,7 +309,7 @@ def main(argv: list[str]) -> int:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     # Each chunk of an answer also wakes the gateway, behind which forwarding the next would wait:
     # on two cores, with a library that polls, that is most of what a sync read is delayed.
-    come_first(BUS)
+    come_first(CONTROL)
     path = Path(task.proxy_port)
     if path.exists() and not path.is_symlink():
         print(f"proxy_port = {task.proxy_port!r} exists and is no link of ours", file=sys.stderr)

@@ -12,7 +12,6 @@ from wackel_gateway.roster import Roster
 from wackel_gateway.tap import Tap
 from wackel_node.config import BusConfig, RobotConfig
 from wackel_node.node import Node
-from wackel_node.precedence import BUS, come_first
 
 _TIMER_SLACK_NS = 1000
 """By default Linux wakes a sleeper up to 50 µs late, a tenth of a servo's whole answer."""
@@ -41,8 +40,6 @@ def run(config: RobotConfig, bus: str) -> None:
     roster = Roster(bus_config.servos)
     with suppress(OSError):  # only a kernel without procfs, where waking late still works
         Path("/proc/self/timerslack_ns").write_text(str(_TIMER_SLACK_NS))
-    if bus_config.mode == "poll":  # in the others the master is the user's, and comes before us
-        come_first(BUS)
     with Node("gateway", bus, config) as node:
         reporter = Reporter(node, bus, bus_config, roster)
         owner = _MODES[bus_config.mode](node, bus, bus_config, reporter)

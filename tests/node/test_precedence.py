@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from wackel_node.precedence import BUS, DIAGNOSIS, may_come_first
+from wackel_node.precedence import CONTROL, DIAGNOSIS, may_come_first
 
 # In a process of its own: nobody gives priority back.
 _TELL = """
@@ -36,10 +36,10 @@ def told(steps: int, before: str = "") -> str:
 
 @pytest.mark.skipif(not may_come_first(), reason="real-time priority is not allowed here")
 @pytest.mark.process
-def test_the_bus_is_above_diagnosis_and_both_above_what_started_them() -> None:
+def test_control_is_above_diagnosis_and_both_above_what_started_them() -> None:
     assert told(DIAGNOSIS) == "True 1\n"
-    assert told(BUS) == "True 2\n"
-    assert told(BUS, _GIVEN) == "True 7\n"
+    assert told(CONTROL) == "True 2\n"
+    assert told(CONTROL, _GIVEN) == "True 7\n"
 
 
 @pytest.mark.process
