@@ -1,7 +1,7 @@
 """What is wrong now, in words: each verdict by its row of the paper's table 1, and what follows."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 
 from wackel_diagnoser.commands import Complaint
 from wackel_diagnoser.history import BLOCKED, STICKING, History
@@ -78,7 +78,7 @@ class Findings:
                 found.append(Finding("wheel_free", path, summary, now))
         return found
 
-    def verdict(self, free: Iterable[Finding], now: int) -> list[Finding]:
+    def verdict(self, free: Collection[Finding], now: int) -> list[Finding]:
         """What the verdict means, given which wheels roll freely."""
         components = self._verdicts.components
         found = []
@@ -88,7 +88,8 @@ class Findings:
                 words = {"others": component.in_words(other)}
                 summary = "two at once explain the residuals, neither alone"
                 found.append(self._finding("two_faults", path, summary, words))
-        elif components:
+        elif components and not (free and components == (component.DRIVE,)):
+            # Wheels that do a free one's work may all slip, which is no further fault.
             is_free = any(each.component == components[0] for each in free)
             single = self._single(components[0], is_free, now)
             # A wheel without torque that swings in its play is no further fault; a blocked one is.

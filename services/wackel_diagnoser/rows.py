@@ -77,6 +77,7 @@ class Measured:
         loose: Variance that the present manoeuvre adds, shape (M,).
         size: What a fault's share refers to, shape (M,).
         speed: The fastest wheel's, m/s.
+        creep: How much all wheels slip by their load, m/s.
         present: Which rows are there.
     """
 
@@ -87,6 +88,7 @@ class Measured:
     loose: Floats
     size: Floats
     speed: float
+    creep: float
     present: Bools
 
 
@@ -271,8 +273,8 @@ class Rows:
         lagging = self._no_slides
         if len(lag) == len(sliding):
             lagging = [each * late for each, late in zip(sliding, lag, strict=True)]
-        if target.known:
-            mean += self._hastened(speeds, target.twist, speed, dt)
+        creep = self._hastened(speeds, target.twist, speed, dt) if target.known else 0.0
+        mean += creep
         gaps, slides = target.heading_gap, len(sliding)
         # While wheels turn, their references contradict each other: they really slip.
         droop = DROOP_M_S * mean / (mean + GRIP_M_S)
@@ -306,7 +308,7 @@ class Rows:
         if present is not self.every:
             size *= present
         return Measured(
-            values[: self.count], h, *self._variances(values, causes), size, speed, present
+            values[: self.count], h, *self._variances(values, causes), size, speed, creep, present
         )
 
     def _variances(self, values: Floats, causes: Floats) -> tuple[Floats, Floats, Floats]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from wackel_diagnoser.constants import Constants, Shown
 from wackel_diagnoser.hypotheses import Class
-from wackel_diagnoser.rows import UNKNOWN, Rows
+from wackel_diagnoser.rows import UNKNOWN, YAWING, Rows
 from wackel_diagnoser.scaling import Scaling
 from wackel_drive.layout import Layout
 from wackel_kinematics.array import Floats
@@ -40,6 +40,9 @@ NORMAL_S = 600.0
 SURE = 36.0
 """Square of how many standard deviations a change must have. Chance alone makes five in an hour in
 3e-7 of them; slip is not quite normally distributed, hence six."""
+LARGEST = 0.9
+"""Share, rad or rad/s: a sensor that shows half as much seems 0.6 off, one that stands 1.0. What a
+wheel that stands or points elsewhere makes the others show is no change of a constant."""
 SUSPECTED = 16.0
 """The same from which on nothing is learnt."""
 CLEAR = 6.0
@@ -92,10 +95,14 @@ class _Sums:
     def __init__(self, count: int) -> None:
         self.information = np.zeros((count, count))
         self.right = np.zeros(count)
+        self.creep = 0.0  # of all wheels, m/s
 
-    def add(self, information: Floats, right: Floats, sign: float = 1.0) -> None:
+    def add(
+        self, information: Floats, right: Floats, creep: float = 0.0, sign: float = 1.0
+    ) -> None:
         self.information += sign * information
         self.right += sign * right
+        self.creep += sign * creep
 
 
 class SmallFaults:
@@ -123,6 +130,7 @@ class SmallFaults:
         for name, least in ACCURATE.items():
             accurate[getattr(constants, name)] = least
         self._accurate: Floats = np.diag(accurate**2)
+        self._yaws = YAWING / layout.drive.length_m
         self._prior = np.diag(constants.prior)
         # By parameter: only rows on the twist contradict each other, less the three that it takes.
         self._forced = np.zeros(constants.count)
@@ -143,7 +151,7 @@ class SmallFaults:
         self._block: list[Shown] = []
         self._block_s = self._look_s = 0.0
         self._look = _Sums(self._constants.count)
-        self._looks: deque[tuple[Floats, Floats, bool]] = deque()
+        self._looks: deque[tuple[Floats, Floats, float, bool]] = deque()
         self._windows = [_Sums(self._constants.count) for _ in WINDOWS]
 
     def step(self, shown: Shown, *, calm: bool) -> None:
@@ -152,19 +160,20 @@ class SmallFaults:
         self._block_s += shown.step.seconds
         if self._block_s < BLOCK_S or len(self._block) < LEAST_STEPS:
             return
-        self._look.add(*self._constants.equations(self._block))
+        self._look.add(
+            *self._constants.equations(self._block), shown.measured.creep * self._block_s
+        )
         self._look_s += self._block_s
         self._block, self._block_s = [], 0.0
         if self._look_s >= LOOK_S:
             seconds, look = self._look_s, self._look
             self._look, self._look_s = _Sums(self._constants.count), 0.0
             moving = shown.measured.speed > MOVING_M_S
-            self._take(look.information, look.right, seconds, calm=calm, moving=moving)
+            self._take(look, seconds, calm=calm, moving=moving)
 
-    def _take(
-        self, information: Floats, right: Floats, seconds: float, *, calm: bool, moving: bool
-    ) -> None:
+    def _take(self, look: _Sums, seconds: float, *, calm: bool, moving: bool) -> None:
         """Looks once."""
+        information, right, creep = look.information, look.right, look.creep / seconds
         normal, scaling = self._normal, self._scaling
         doubt = 1.0 + self._forced_slip(normal.information, self._usual)
         known = normal.information / doubt[:, None]
@@ -189,14 +198,14 @@ class SmallFaults:
                 self._driven += moving
             top = 0.0
         else:
-            self._looks.append((information, right, odd))
+            self._looks.append((information, right, creep, odd))
             for window, length in zip(self._windows, WINDOWS, strict=True):
-                window.add(information, right)
+                window.add(information, right, creep)
                 if len(self._looks) > length:
-                    window.add(*self._looks[-1 - length][:2], -1.0)
+                    window.add(*self._looks[-1 - length][:3], -1.0)
             top = self._search(usual, covariance)
             if len(self._looks) > DELAY:
-                old, of_it, shocked = self._looks.popleft()
+                old, of_it, _, shocked = self._looks.popleft()
                 if calm and top < SUSPECTED and not shocked:
                     self._learn(old, of_it, seconds)
         if calm and top < SUSPECTED:
@@ -225,9 +234,12 @@ class SmallFaults:
     def _search(self, usual: Floats, covariance: Floats) -> float:
         """Follows what is found; returns the square of the surest change, by its variance."""
         top, found, now = 0.0, self.found, None
-        unsure = covariance + self._accurate
+        gyros = self._constants.gyro
         for window, looks in zip(self._windows, WINDOWS, strict=True):
             forced = self._forced_slip(window.information, usual)
+            unsure = covariance + self._accurate
+            # Wheels creep alike as long as they are loaded: no longer window averages that out.
+            unsure[gyros, gyros] += (window.creep / looks * self._yaws) ** 2
             tests = _Tests(self._changes, window, usual, unsure, forced)
             top = max(top, float(tests.sure.max()))
             if found is not None and window is self._windows[0] and self._ended(tests, found):
@@ -255,7 +267,7 @@ class SmallFaults:
         evidence = tests.evidence
         best = int(evidence.argmax())
         path = self._paths[best]
-        if not path or tests.sure[best] < SURE:
+        if not path or tests.sure[best] < SURE or abs(tests.size[best]) > LARGEST:
             return None
         others = [at for at, each in enumerate(self._paths) if each != path]
         if evidence[best] - evidence[others].max() < CLEAR:
@@ -281,7 +293,7 @@ class SmallFaults:
                 float(change @ (right - information @ tests.usual)),
                 float(change @ information @ change),
             )
-            for information, right, _ in list(self._looks)[-looks:]
+            for information, right, _, _ in list(self._looks)[-looks:]
         )[: -min(SHOCKED, looks // 3)]
         for_it, told = sum(a for a, _ in each), sum(b for _, b in each)
         return for_it > 0.0 and for_it * for_it > 0.5 * SURE * told

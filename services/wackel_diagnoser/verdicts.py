@@ -1,10 +1,10 @@
 """Which verdict holds: proposed, taken, replaced by a later one, healed; and what kind it is.
 
-Residuals propose (:mod:`wackel_diagnoser.sequential`), and where they see nothing, a change of what
-is constant (:mod:`wackel_diagnoser.small_faults`). A proposal that only clears a part that was
-named must wait until that part has shown itself sound. Wheels that stand though they are told to
-roll (:mod:`wackel_diagnoser.standing`) are faulty whatever residuals say, which then speak of how
-the others are dragged.
+Residuals propose (:mod:`wackel_diagnoser.sequential`), and where they see nothing or another part,
+a change of what is constant (:mod:`wackel_diagnoser.small_faults`), which then stays as long as the
+change. A proposal that only clears a part that was named must wait until that part has shown itself
+sound. Wheels that stand though they are told to roll (:mod:`wackel_diagnoser.standing`) are faulty
+whatever residuals say, which then speak of how the others are dragged.
 """
 
 from collections import deque
@@ -40,6 +40,8 @@ makes the others slip changes with the motion, within a second."""
 HOLDS = 0.05
 """Share by which a motor may be wrong while its wheel yields to the others as is assumed; where it
 is more the tyre skids, as if its sensor were wrong."""
+CONVICTS = 0.5
+"""But a motor may be convicted up to here, since what skids would speak for its sensor."""
 ALARM_STEPS = 4
 """How long an alarm takes at least."""
 FORCED_STEPS = 5
@@ -163,19 +165,20 @@ class Verdicts:
             others = {path for path in now if not self._follows(path)}
             standing = self._numbers.get(frozenset(stand | others))
             proposal = proposal if standing is None else standing
+        # What a change of constants explains is believed before what fits better for a while.
+        lasting = {small.component} if small is not None else set()
+        if (proposal is None or now) and lasting - now and not stand:
+            proposal, is_small = self._numbers[frozenset(lasting)], not verdict
         if proposal is None:
-            if verdict or small is None:
-                return False
-            proposal, is_small = explanations.index((small.component,)), True
+            return False
         names = set(explanations[proposal])
+        if (lasting & now) - names and not stand & names:
+            return False
         if names == {component.DRIVE} and step.end - self.since > PUSHES_NS and now:
             return False
         if (stand & now) - names or (names > now and self._are_dragged(names - now)):
             return False
-        if names < now and not (
-            self._soundness.lasts(self._sound_needed_s())
-            and (small is None or small.component not in now)
-        ):
+        if names < now and not self._soundness.lasts(self._sound_needed_s()):
             return False
         sequential.accept(proposal)
         self._is_small = is_small
@@ -187,7 +190,8 @@ class Verdicts:
 
     def _tells_kind(self, small: Change) -> bool:
         """Whether what is constant tells a motor from its sensor better than what they cost."""
-        here = small.component in self.components and abs(small.size) < HOLDS
+        most = CONVICTS if small.kind == "actuator" else HOLDS
+        here = small.component in self.components and abs(small.size) < most
         return self._is_small or here
 
     def _take(self, components: Sequence[str], step: Step) -> None:

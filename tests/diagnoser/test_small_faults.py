@@ -152,6 +152,19 @@ def test_slip_that_bad_calibration_forces_is_no_change() -> None:
     assert rig.reports == []
 
 
+def test_tyres_that_a_hard_curve_loads_are_no_change_of_the_gyro() -> None:
+    rig = Rig.of("judge13/hard/3/3/11", 3, worse=3.0, driving="hard")
+    rig.drive(40.0)
+    assert "gyro_deviates" not in {report.code for report in rig.reports}
+
+
+def test_what_stands_is_no_small_fault() -> None:
+    driven, small = followed(steered_drive(4))
+    driven.scale[1] = 0.0
+    feed(driven, small, 5.0)
+    assert small.found is None
+
+
 def test_a_motor_that_pulls_all_others_along_is_named_though_all_miss_their_references() -> None:
     """On soft tyres nothing slips; how much drives give way has never shown before."""
     rig = Rig.of("judge9/mujoco/3/70", 3, physics="mujoco")

@@ -1,6 +1,6 @@
 """Verdicts on faults of a simulated robot: named, replaced, healed."""
 
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 
@@ -108,6 +108,34 @@ def test_a_kind_once_told_is_kept(
     rig.inject(*fault)
     rig.drive(3.0)
     assert rig.active() == [named]
+
+
+@pytest.mark.parametrize(
+    ("robot", "after_s", "fault", "named"),
+    [
+        # For a second another wheel seemed likelier.
+        ("fast/3/59", 31.6, ("drive_scale", "w2", 0.136), "wheel/w2/drive"),
+        # A jerk at its beginning looked like a push.
+        ("mujoco/3/61", 30.08, ("drive_scale", "w0", 0.227), "wheel/w0/drive"),
+    ],
+)
+def test_what_is_constantly_wrong_is_not_taken_for_anything_else(
+    robot: str, after_s: float, fault: tuple[str, str, float], named: str
+) -> None:
+    physics: Literal["fast", "mujoco"] = "fast" if robot.startswith("fast") else "mujoco"
+    rig = Rig.of(f"judge13/{robot}", 3, physics=physics)
+    rig.drive(after_s)
+    rig.inject(*fault)
+    rig.drive(2.5)
+    assert rig.active() == [("wheel_deviates", named)]
+
+
+def test_that_all_slip_beside_a_free_wheel_is_no_further_fault() -> None:
+    rig = Rig.of("judge13/mujoco/3/47", 3, physics="mujoco")
+    rig.drive(30.67)
+    rig.inject("wheel_free", "w1")
+    rig.drive(3.0)
+    assert {report.code for report in rig.reports} == {"wheel_free"}
 
 
 def test_a_gyro_that_jumps_is_named(warm: Rig) -> None:
