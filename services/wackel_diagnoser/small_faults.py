@@ -95,7 +95,7 @@ class _Sums:
     def __init__(self, count: int) -> None:
         self.information = np.zeros((count, count))
         self.right = np.zeros(count)
-        self.creep = 0.0  # of all wheels, m/s
+        self.creep = 0.0  # of all wheels: m in a look; in a window the sum of each look's m/s
 
     def add(
         self, information: Floats, right: Floats, creep: float = 0.0, sign: float = 1.0
