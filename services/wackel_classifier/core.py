@@ -85,6 +85,7 @@ class BusClassifier:
         self._goals_due = True  # goals are looked at once a slot
         self._jammed_ns = -1  # when a permanent jammer was last there
         self._incomplete = False  # whether the last transaction missed an answer
+        self._late = False  # whether it had an answer to an earlier one
         self._missed: list[int] = []  # positions, in the last transaction that missed any
         self._devices: set[int] = set()  # ids outside the chain that somebody asks on purpose
 
@@ -121,7 +122,7 @@ class BusClassifier:
                     self._counting.append(request)
                 request.clean += 1
                 request.clean_ns = self._now_ns
-                self._incomplete = False
+                self._incomplete = self._late = False
                 if request.has_contents(self._slot):
                     quiet = not self._contents(transaction, request, answers)
             else:
@@ -170,12 +171,14 @@ class BusClassifier:
             self._jammers.step(symptoms, stamp)
         news = bool(answers.unexpected) or before != self._jammers.findings()
         jammed = self._jammers.permanent is not None or symptoms.sign is Sign.SATURATED
-        missed, new, wrecked = self._hear(request, symptoms, stamp, jammed=jammed)
+        # Bytes of nobody are a jammer's, or of answers that come late and collide with others.
+        known = jammed or self._late or self._jammers.rhythmic is not None
+        missed, new, wrecked = self._hear(request, symptoms, stamp, jammed=jammed, known=known)
         news = news or new
         if jammed:
             self._jammed_ns = now_ns
             self._losses.reset()
-        self._foreign(transaction, request, answers, symptoms, explained=jammed or wrecked)
+        self._foreign(transaction, request, answers, symptoms, explained=known or wrecked)
         self._missed = missed or self._missed
         self._incomplete = bool(answers.missing)
         if not answers.clean or request.has_new_errors(data, self._alerts.alerting):
@@ -187,9 +190,16 @@ class BusClassifier:
         return news or not (answers.clean or jammed or symptoms.rhythmic)
 
     def _hear(
-        self, request: Request, symptoms: Symptoms, stamp: int, *, jammed: bool
+        self, request: Request, symptoms: Symptoms, stamp: int, *, jammed: bool, known: bool
     ) -> tuple[list[int], bool, bool]:
         """Who was heard in a transaction and who was not.
+
+        Args:
+            request: Whose answers they are.
+            symptoms: Of the transaction.
+            stamp: Of the transaction.
+            jammed: Whether answers were destroyed by a permanent jammer.
+            known: Whether it is known whose the bytes of nobody are.
 
         Returns:
             Positions of those that were silent, whether there is news of any servo, and whether one
@@ -218,7 +228,7 @@ class BusClassifier:
             first = not place or outcomes[place - 1] is Outcome.ANSWERED
             event, again = None, False
             if first and not jammed and outcome is not Outcome.UNTESTED:
-                event = _event(position, place, symptoms)
+                event = _event(position, place, symptoms, known=known)
                 if event.mark is Mark.QUIET:
                     duplicates.silent(position)
                 elif event.mark is not Mark.TORN and not request.expectation.broadcast_ping:
@@ -277,10 +287,12 @@ class BusClassifier:
     ) -> None:
         """What nobody asked for; ``explained`` if it is known who sends bytes of nobody."""
         stamp, now_ns = transaction.stamp, self._now_ns
+        self._late = False
         for status in answers.unexpected:
             position = self._chain.position.get(status.id)
             if position is not None and status.id not in request.asked:
                 # The answer to an earlier request, after the host had given up.
+                self._late = True
                 self._reach.answered(position, now_ns)
                 self._losses.recovered(position, stamp, passing=False)
                 if position in self._missed:
@@ -401,11 +413,14 @@ class BusClassifier:
         return reports
 
 
-def _event(position: int, place: int, symptoms: Symptoms) -> Event:
-    """A failure as the statistics see it; ``place`` is the servo's in the request."""
+def _event(position: int, place: int, symptoms: Symptoms, *, known: bool) -> Event:
+    """A failure as the statistics see it; ``place`` is the servo's in the request.
+
+    Bytes of nobody that are ``known`` to be another's are no trace of it.
+    """
     outcomes = symptoms.outcomes
     mark = Mark.DAMAGED if outcomes[place] is Outcome.DAMAGED else Mark.QUIET
-    if all(outcome is Outcome.ANSWERED for outcome in outcomes[:place]):
+    if not known and all(outcome is Outcome.ANSWERED for outcome in outcomes[:place]):
         # Bytes of nobody belong to the first failure.
         if symptoms.stray:
             mark = Mark.SPARK

@@ -201,3 +201,34 @@ def test_stray_bytes_are_told_once_nothing_has_explained_them_for_a_while() -> N
     assert repeat(2 * seconds, bus.read_all) == []
     assert repeat(2 * seconds, bus.read_all) == [("stray_data", "bus/main")]
     assert repeat(2 * seconds, bus.read_all) == []
+
+
+def jam(bus: Bus) -> None:
+    """A rhythmic jammer, for long enough to be told."""
+    data = b"\0" + b"\0".join(map(answer, bus.ids)) + b"\0"
+    active = repeat(2, lambda: bus.read_all(data))
+    assert ("rhythmic_jammer", "bus/main") in active
+
+
+def answer_late(bus: Bus) -> None:
+    """An answer that the host no longer waits for."""
+    bus.take(b"", [], answer(4), purpose="observed")
+
+
+@pytest.mark.parametrize(
+    ("cause", "codes"),
+    [(None, {"loose_contact"}), (jam, {"rhythmic_jammer"}), (answer_late, set())],
+)
+def test_a_wreck_that_is_explained_makes_no_cable_loose_that_was_unplugged(
+    cause: Callable[[Bus], None] | None, codes: set[str]
+) -> None:
+    bus = Bus(5)
+    repeat(20, bus.read_all)
+    active = repeat(100, lambda: bus.read_all(answer(1) + answer(2)))
+    assert active == [("cable_break", "bus/main/cable/2-3")]
+    assert repeat(50, bus.read_all) == []
+    if cause is not None:
+        cause(bus)
+    bus.take(packet.ping(2), [2], b"\xff\xff\x5a\x89\xa9\xfa\x93\x83\xf2\x5c")
+    bus.take(packet.ping(2), [2], StatusPacket(2, 0, b"\6\4\46").encode())
+    assert {code for code, _ in repeat(5, bus.read_all)} == codes
