@@ -171,9 +171,13 @@ class BusClassifier:
             self._jammers.step(symptoms, stamp)
         news = bool(answers.unexpected) or before != self._jammers.findings()
         jammed = self._jammers.permanent is not None or symptoms.sign is Sign.SATURATED
+        late = self._hear_late(request, answers, stamp)
         # Bytes of nobody are a jammer's, or of answers that come late and collide with others.
-        known = jammed or self._late or self._jammers.rhythmic is not None
-        missed, new, wrecked = self._hear(request, symptoms, stamp, jammed=jammed, known=known)
+        known = jammed or late or self._late or self._jammers.rhythmic is not None
+        self._late = late
+        missed, new, wrecked = self._hear(
+            request, symptoms, stamp, jammed=jammed, late=late, known=known
+        )
         news = news or new
         if jammed:
             self._jammed_ns = now_ns
@@ -190,7 +194,14 @@ class BusClassifier:
         return news or not (answers.clean or jammed or symptoms.rhythmic)
 
     def _hear(
-        self, request: Request, symptoms: Symptoms, stamp: int, *, jammed: bool, known: bool
+        self,
+        request: Request,
+        symptoms: Symptoms,
+        stamp: int,
+        *,
+        jammed: bool,
+        late: bool,
+        known: bool,
     ) -> tuple[list[int], bool, bool]:
         """Who was heard in a transaction and who was not.
 
@@ -199,6 +210,7 @@ class BusClassifier:
             symptoms: Of the transaction.
             stamp: Of the transaction.
             jammed: Whether answers were destroyed by a permanent jammer.
+            late: Whether answers to earlier requests have come with them.
             known: Whether it is known whose the bytes of nobody are.
 
         Returns:
@@ -220,7 +232,7 @@ class BusClassifier:
                 if waiting >> position & 1:
                     news = True
                     reach.heard(heard, now_ns)
-                    self._answered(position, stamp)
+                    self._answered(position, stamp, late=late)
                 else:
                     heard.append(position)
                 continue
@@ -265,15 +277,33 @@ class BusClassifier:
             return self._losses.share
         return JAMMED_LOSS if request.single is None else JAMMED_SINGLE_LOSS
 
-    def _answered(self, position: int, stamp: int) -> None:
+    def _hear_late(self, request: Request, answers: Answers, stamp: int) -> bool:
+        """Whether there are answers to earlier requests, after which the host had given up."""
+        late = [s.id for s in answers.unexpected if self._is_late(s.id, request)]
+        for servo_id in late:
+            position = self._chain.position[servo_id]
+            self._answered(position, stamp, late=True)
+            if position in self._missed:
+                self._timing.late_answer(position, self._now_ns, stamp)
+        return bool(late)
+
+    def _is_late(self, servo_id: int, request: Request) -> bool:
+        """Whether an answer that is one too many is that to an earlier request."""
+        return servo_id in self._chain.position and (
+            servo_id not in request.asked or self._incomplete
+        )
+
+    def _answered(self, position: int, stamp: int, *, late: bool) -> None:
+        """One that was waited for has answered; ``late``: it was connected all the time."""
         gone = self._reach.gone(position)
         now_ns = self._now_ns
         self._reach.answered(position, now_ns)
         interruption, self._reach.interrupted = self._reach.interrupted, None
         # What began while a jammer was there is its doing.
-        if interruption is not None and now_ns - interruption.lasted_ns > self._jammed_ns:
+        began_ns = now_ns - (interruption.lasted_ns if interruption is not None else 0)
+        if interruption is not None and not late and began_ns > self._jammed_ns:
             self._losses.interrupted(interruption, stamp)
-        self._losses.recovered(position, stamp, passing=not gone)
+        self._losses.recovered(position, stamp, passing=not (gone or late))
         self._losses.succeeded((position,))
 
     def _foreign(
@@ -287,19 +317,9 @@ class BusClassifier:
     ) -> None:
         """What nobody asked for; ``explained`` if it is known who sends bytes of nobody."""
         stamp, now_ns = transaction.stamp, self._now_ns
-        self._late = False
         for status in answers.unexpected:
-            position = self._chain.position.get(status.id)
-            if position is not None and status.id not in request.asked:
-                # The answer to an earlier request, after the host had given up.
-                self._late = True
-                self._reach.answered(position, now_ns)
-                self._losses.recovered(position, stamp, passing=False)
-                if position in self._missed:
-                    self._timing.late_answer(position, now_ns, stamp)
-            elif status.id in self._devices:
-                pass  # late, too
-            elif self._chain.ids and not (position is not None and self._incomplete):
+            late = status.id in self._devices or self._is_late(status.id, request)
+            if self._chain.ids and not late:
                 self._strangers.servo(status.id, now_ns, stamp)
         if any(isinstance(s.packet, InstructionPacket) for s in answers.segments or ()):
             self._strangers.master(now_ns, stamp)

@@ -232,3 +232,20 @@ def test_a_wreck_that_is_explained_makes_no_cable_loose_that_was_unplugged(
     bus.take(packet.ping(2), [2], b"\xff\xff\x5a\x89\xa9\xfa\x93\x83\xf2\x5c")
     bus.take(packet.ping(2), [2], StatusPacket(2, 0, b"\6\4\46").encode())
     assert {code for code, _ in repeat(5, bus.read_all)} == codes
+
+
+@pytest.mark.parametrize("late", [True, False])
+def test_an_adapter_that_passes_answers_on_late_has_no_loose_contact(late: bool) -> None:
+    bus = Bus(5)
+    repeat(20, bus.read_all)
+    active: set[tuple[str, str]] = set()
+    for _ in range(4):
+        for _ in range(4):
+            bus.read_all(b"")
+        bus.take(packet.ping(1), [1], b"", purpose="ping")
+        answers = b"".join(map(answer, bus.ids))
+        ping = StatusPacket(1, 0, b"\6\4\46").encode()
+        bus.take(packet.ping(1), [1], answers + ping if late else ping, purpose="ping")
+        active.update(repeat(50, bus.read_all))
+    codes = {code for code, _ in active}
+    assert codes == (set() if late else {"loose_contact"})
