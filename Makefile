@@ -1,9 +1,9 @@
-# make demo · make test · make bench · make fuzz: each installs what it needs into .venv first.
+# make demo · make test · make bench · make fuzz · make alarms HOURS=300: each installs what it needs into .venv first.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test check unit process bench fuzz lock clean
+.PHONY: demo test check unit process bench fuzz alarms lock clean
 
 # The installation is a file target: it is made anew when a lock or the project file changes.
 $(VENV)/run: requirements-sim.lock pyproject.toml
@@ -39,6 +39,11 @@ bench: $(VENV)/dev
 
 fuzz: $(VENV)/dev
 	$(BIN)/python -m tests.fuzz
+
+# Simulated driving without a fault, in all runs of the same code together; Ctrl-C keeps it.
+HOURS ?= 300
+alarms: $(VENV)/dev
+	$(BIN)/python -m tests.bench.alarms --hours $(HOURS)
 
 # Renew the locks; review the difference before committing it. A robot needs requirements.lock only.
 PIP_COMPILE := $(BIN)/pip-compile --quiet --generate-hashes --allow-unsafe --strip-extras \

@@ -6,8 +6,9 @@ import os
 import subprocess
 import sys
 
-from rich.console import Console
 from rich.table import Table
+
+from tests.bench.result import console
 
 BENCHES = {
     "parsing": "parse and diagnose an answer, against the vendor's parser",
@@ -19,13 +20,13 @@ BENCHES = {
     "replay": "replay of a recording, against real time",
     "odometry": "cost, drift and consistency of the pose, recorded robots",
     "diagnoser": "cost of the drive diagnosis, and how well drive faults are named; long",
-    "driving": "false alarms and faults of the drive by kind of driving; long",
+    "driving": "faults of the drive by kind of driving; long",
+    "alarms": "false alarms of the drive, with those of earlier runs; long",
     "drive_live": "from a physical event in the drive to health, and its replay",
     "start": "start and stop of every service",
     "crash": "kill -9 of every service during a fault",
     "bus_faults": "how well bus faults are named; the longest",
 }
-_WIDTH = 132  # of tables that go to a file
 
 
 def main(argv: list[str]) -> int:
@@ -67,11 +68,11 @@ def main(argv: list[str]) -> int:
 
 def _run(name: str, *, quick: bool) -> None:
     result = importlib.import_module(f"tests.bench.{name}").run(quick=quick)
-    console = Console(width=None if sys.stdout.isatty() else _WIDTH)
+    paper = console()
     for shown in [result] if isinstance(result, Table) else result:
-        console.print(shown)
+        paper.print(shown)
     load = " ".join(f"{average:.2f}" for average in os.getloadavg())
-    console.print(f"load of the machine ({os.cpu_count()} cores, 1, 5, 15 min): {load}\n")
+    paper.print(f"load of the machine ({os.cpu_count()} cores, 1, 5, 15 min): {load}\n")
 
 
 if __name__ == "__main__":

@@ -1,11 +1,15 @@
 """How a measurement is shown: the figure, its peer in the same run, the budget, and whether met."""
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import median
 from time import perf_counter_ns, process_time_ns
 
+from rich.console import Console
 from rich.table import Table
+
+_WIDTH = 132  # of tables that go to a file
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,11 @@ class Figure:
         if self.budget is None:
             return None
         return self.compared >= self.budget if self.at_least else self.compared <= self.budget
+
+
+def console() -> Console:
+    """Where tables are printed."""
+    return Console(width=None if sys.stdout.isatty() else _WIDTH)
 
 
 def table(title: str, figures: list[Figure]) -> Table:

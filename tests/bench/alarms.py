@@ -1,0 +1,254 @@
+"""Diagnoser: false alarms of robots that drive without a fault. Goes on where the last run stopped.
+
+Seldom as they shall be, they take hundreds of hours to count, at some thirty times real time on
+each processor: ``make alarms HOURS=300`` drives on until all runs of the same code together have so
+many. Half of the robots have three wheels, half are simulated with contact physics, half drive on
+random paths and the others in the ways of :mod:`tests.diagnoser.driving`. One in eleven is three
+times worse calibrated than configured; of those a tenth of the hours is enough.
+"""
+
+import argparse
+import ast
+import hashlib
+import json
+import multiprocessing
+import os
+import signal
+import sys
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from itertools import count
+from pathlib import Path
+from random import Random
+
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+from scipy.special import gammaincinv
+
+from tests.bench.diagnoser import COMPLAINTS, Physics
+from tests.bench.result import console
+from tests.diagnoser.driving import DRIVING
+from tests.diagnoser.rig import Rig
+from wackel_node.garbage import collect_rarely
+
+AIMS = {1.0: 0.01, 3.0: 0.1}
+"""Reports an hour, by how many times worse than configured the calibration is."""
+WORSE_SHARE = 1 / 11
+"""Of the robots; so many are worse calibrated that both aims are told at the same time."""
+ROBOT_S = 300.0
+"""For how long each drives."""
+TELLING = 3.0
+"""Reports to be expected at the aimed rate, in hours that tell: none of them is then as likely as
+one in twenty."""
+HOURS, QUICK_HOURS = 6.0, 0.2
+KEPT = Path(".bench/alarms.jsonl")
+_ROOT = Path(__file__).parents[2]
+_CODE = (
+    "services/wackel_diagnoser",
+    "services/wackel_virtual",
+    "common/wackel_drive",
+    "common/wackel_kinematics",
+    "tests/diagnoser",
+)
+
+
+@dataclass(frozen=True)
+class Job:
+    """A robot.
+
+    Attributes:
+        number: Of it, from which all else is drawn.
+        wheels: How many.
+        physics: Of its simulation.
+        driving: Its kind.
+        worse: By how much its calibration is worse than configured.
+    """
+
+    number: int
+    wheels: int
+    physics: Physics
+    driving: str
+    worse: float
+
+    @classmethod
+    def of(cls, number: int) -> "Job":
+        """That with a number."""
+        random = Random(f"alarms/{number}")
+        return cls(
+            number,
+            random.choice((3, 4)),
+            random.choice(("fast", "mujoco")),
+            random.choice(("random", random.choice(list(DRIVING)))),
+            3.0 if random.random() < WORSE_SHARE else 1.0,
+        )
+
+
+@dataclass(frozen=True)
+class Driven:
+    """What became of one.
+
+    Attributes:
+        job: The robot.
+        alarms: Code and component of each report, and when, s.
+    """
+
+    job: Job
+    alarms: list[str]
+
+
+def robot(number: int) -> Driven:
+    """Drives one."""
+    job = Job.of(number)
+    rig = Rig.of(
+        f"alarms/{number}", job.wheels, physics=job.physics, worse=job.worse, driving=job.driving
+    )
+    begin_ns = rig.now_ns
+    rig.drive(ROBOT_S)
+    return Driven(
+        job,
+        [
+            f"{report.code} {report.component} after {(report.stamp - begin_ns) / 1e9:.1f} s"
+            for report in rig.reports
+            if report.status == "active" and report.code not in COMPLAINTS
+        ],
+    )
+
+
+def fingerprint(directories: Iterable[Path]) -> str:
+    """Of the code in directories; comments and docstrings do not count."""
+    code = hashlib.sha256()
+    for directory in directories:
+        for path in sorted(directory.glob("*.py")):
+            tree = ast.parse(path.read_text())
+            for node in ast.walk(tree):
+                if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+                    node.value.value = ""
+            code.update(ast.dump(tree).encode())
+    return code.hexdigest()[:16]
+
+
+def known(path: Path, code: str) -> dict[int, Driven]:
+    """The robots of earlier runs of this code, by number."""
+    if not path.exists():
+        return {}
+    entries = [json.loads(line) for line in path.read_text().splitlines()]
+    return {
+        entry["job"]["number"]: Driven(Job(**entry["job"]), entry["alarms"])
+        for entry in entries
+        if entry["code"] == code
+    }
+
+
+def drive(hours: float, path: Path = KEPT) -> list[Driven]:
+    """Robots until there are so many hours, or Ctrl-C.
+
+    Args:
+        hours: Of those that are calibrated as configured.
+        path: Where each that has driven is added to.
+    """
+    code = fingerprint(_ROOT / name for name in _CODE)
+    driven = known(path, code)
+    path.parent.mkdir(exist_ok=True)
+    numbers = _needed(hours, driven)
+    with (
+        multiprocessing.get_context("spawn").Pool(os.cpu_count(), _prepare) as pool,
+        Progress(console=Console(stderr=True), transient=True) as progress,
+        path.open("a") as file,
+    ):
+        try:
+            for each in progress.track(pool.imap_unordered(robot, numbers), len(numbers)):
+                driven[each.job.number] = each
+                entry = {"code": code, "job": asdict(each.job), "alarms": each.alarms}
+                file.write(json.dumps(entry) + "\n")
+                file.flush()
+        except KeyboardInterrupt:
+            pool.terminate()
+    return list(driven.values())
+
+
+def run(*, quick: bool = False, hours: float | None = None) -> Table:
+    """All robots so far.
+
+    Args:
+        quick: A few.
+        hours: In all, of robots that are calibrated as configured; or else so many more.
+    """
+    if hours is None:
+        already = known(KEPT, fingerprint(_ROOT / name for name in _CODE)).values()
+        hours = _hours(already, 1.0) + (QUICK_HOURS if quick else HOURS)
+    return _table(drive(hours))
+
+
+def _needed(hours: float, driven: dict[int, Driven]) -> list[int]:
+    """The next robots that together have so many hours."""
+    left_s, numbers = hours * 3600, []
+    for number in count():
+        if left_s <= 0:
+            return numbers
+        if number not in driven:
+            numbers.append(number)
+        if Job.of(number).worse == 1.0:
+            left_s -= ROBOT_S
+    raise AssertionError("numbers do not end")
+
+
+def _hours(driven: Iterable[Driven], worse: float) -> float:
+    return sum(ROBOT_S for each in driven if each.job.worse == worse) / 3600
+
+
+def _table(driven: list[Driven]) -> Table:
+    shown = Table(title="Diagnoser: false alarms of robots without a fault", title_justify="left")
+    for heading in ("calibration", "physics", "wheels", "h", "reports", "per h", "at most", "aim"):
+        shown.add_column(heading, justify="left" if heading == "calibration" else "right")
+    shown.add_column("met")
+    for worse, aim in AIMS.items():
+        name = "as configured" if worse == 1.0 else f"{worse:g} times worse"
+        every = [each for each in driven if each.job.worse == worse]
+        for physics in ("fast", "mujoco"):
+            for wheels in (3, 4):
+                mine = [e for e in every if (e.job.physics, e.job.wheels) == (physics, wheels)]
+                shown.add_row(name, physics, str(wheels), *_rates(mine, worse))
+        hours = _hours(every, worse)
+        alarms = sum(len(each.alarms) for each in every)
+        needed = TELLING / aim
+        met = "[green]yes" if alarms <= aim * hours else "[red]NO"
+        if hours < needed and alarms <= aim * needed:
+            met = f"{needed:.0f} h will tell"
+        shown.add_row(name, "", "", *_rates(every, worse), f"≤ {aim:g}", met, end_section=True)
+    shown.caption = "at most: with a probability of 95 %"
+    for each in sorted(driven, key=lambda each: each.job.number):
+        for alarm in each.alarms:
+            job = each.job
+            shown.caption += (
+                f"\nrobot {job.number}: {alarm} ({job.wheels} wheels, {job.physics}, {job.driving})"
+            )
+    return shown
+
+
+def _rates(driven: list[Driven], worse: float) -> list[str]:
+    """Hours, reports, reports an hour, and how many that may be in the long run."""
+    hours = _hours(driven, worse)
+    alarms = sum(len(each.alarms) for each in driven)
+    shown = [f"{hours:.2f}", str(alarms)]
+    if not hours:
+        return [*shown, "", ""]
+    return [*shown, f"{alarms / hours:.3f}", f"{gammaincinv(alarms + 1, 0.95) / hours:.3f}"]
+
+
+def _prepare() -> None:
+    """A process that drives robots; Ctrl-C is for the one that keeps what became of them."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    collect_rarely()  # as the service does
+
+
+def main(argv: list[str]) -> int:
+    """``python -m tests.bench.alarms --hours 300``."""
+    parser = argparse.ArgumentParser(prog="python -m tests.bench.alarms", description=__doc__)
+    parser.add_argument("--hours", type=float, default=300.0, help="in all (%(default)g)")
+    console().print(run(hours=parser.parse_args(argv).hours))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
