@@ -448,6 +448,8 @@ class Link:
         """
         now = time.monotonic()
         limit = now + timeout_s
+        if now >= limit and now < self._due and self._wake.empty() and self._failure is None:
+            return False  # mostly so where a loop only looks whether there is anything
         while True:
             called = self._wait(min(limit, self._due) - now)
             if self._failure is not None:
@@ -503,13 +505,14 @@ class Link:
     def _wait(self, timeout_s: float) -> bool | None:
         """Until a message wakes, or :meth:`wake`; whether it was that, and ``None`` if neither."""
         called = None
-        try:
-            if timeout_s > 0:
+        if timeout_s > 0:
+            try:
                 called = self._wake.get(timeout=timeout_s)
-            while True:
-                called = self._wake.get_nowait() or called or False
-        except queue.Empty:
-            return called
+            except queue.Empty:
+                return None
+        while not self._wake.empty():
+            called = self._wake.get() or called or False
+        return called
 
     def _turn(self) -> bool:
         """Runs due timers and the handlers of what is there; whether there was anything."""

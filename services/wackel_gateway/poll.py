@@ -24,7 +24,6 @@ from wackel_schemas.bus import BusCommand, BusReply, BusRequest
 from wackel_schemas.wire import Rejected
 
 _LOOK_S = 0.2  # at a rate of few cycles a second, a port that is gone shall still show at once
-_PUMP_NS = 5_000_000  # where cycles leave no pause, the node's messages get a turn so often
 _OF_A_CYCLE = (Stage.COMMAND, Stage.CYCLE, Stage.PLAIN, Stage.REST, Stage.DEVICE)
 
 
@@ -73,19 +72,15 @@ class Poller:
         exchange = self._exchange = Exchange(port, patience, lambda: node.stopping)
         schedule.restart(monotonic_ns())
         try:
-            pumped_ns = 0
             while not node.stopping:
+                node.pump()
                 now = monotonic_ns()
                 job = schedule.next(now)
                 if job is None:
                     outbox.release(now)
                     due_ns = min(schedule.due_ns, outbox.due_ns or schedule.due_ns)
                     node.pump(max(0.0, (due_ns - monotonic_ns()) / 1e9))
-                    pumped_ns = now
                     continue
-                if now - pumped_ns > _PUMP_NS:
-                    node.pump()
-                    pumped_ns = now
                 late = exchange.drain()
                 waited_before_ns = self._processor_wait.total_ns() if len(job.ids) == 1 else 0
                 exchange.send(job.purpose, job.instruction)

@@ -99,6 +99,10 @@ _SWEEP_PAUSE_NS = 1_000_000_000
 _DOUBTED_MOST = 4
 """Servos at a time that are asked again because they answer at another time than usual; with more
 of them it is the adapter or the host, which these few show as well."""
+_DOUBTS_MOST = 20.0
+"""Departures that may be followed up in a row: two servos', each as often as convicts it."""
+_DOUBTS_HZ = 5.0
+"""And in the long run: where the host is often late, every third answer departs."""
 _DOUBTED_ALONE = 2
 """So few need others asked between them, to be told apart from a late host or adapter."""
 _PROOFS = 4
@@ -203,6 +207,8 @@ class Schedule:
         self._alerted: set[int] = set()
         self._urgent: deque[int] = deque()
         self._doubted: dict[int, None] = {}  # servos to ask again, in order
+        self._doubts = _DOUBTS_MOST  # that may still be followed up
+        self._doubts_since_ns = now_ns
         self._controls = 0  # servos asked between questions to those in doubt
         self._control_due = True
         self._swept_ns = now_ns - _SWEEP_PAUSE_NS
@@ -491,10 +497,10 @@ class Schedule:
         self._doubted.pop(servo_id, None)
         usual = servo.usual.setdefault(block, Usual())
         if usual.departs(took_ns):
-            if len(self._doubted) < _DOUBTED_MOST:
-                self._doubted[servo_id] = None
-            else:
+            if len(self._doubted) == _DOUBTED_MOST:
                 usual.accept()
+            elif self._may_doubt(now_ns):
+                self._doubted[servo_id] = None
         volts = _volts(servo.member, block, answers)
         if volts is None:
             return
@@ -503,6 +509,16 @@ class Schedule:
         if sagged and now_ns - self._swept_ns >= _SWEEP_PAUSE_NS:
             self._swept_ns = now_ns
             self._sweep_voltages()
+
+    def _may_doubt(self, now_ns: int) -> bool:
+        """Whether a departure may be followed up; if so, it counts."""
+        saved = self._doubts + _DOUBTS_HZ * (now_ns - self._doubts_since_ns) / 1e9
+        self._doubts = min(_DOUBTS_MOST, saved)
+        self._doubts_since_ns = now_ns
+        if self._doubts < 1:
+            return False
+        self._doubts -= 1
+        return True
 
     def _sweep_voltages(self) -> None:
         if not self._sweep:

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from itertools import pairwise
+from random import Random
 
 import pytest
 
@@ -251,6 +252,19 @@ def test_nothing_is_asked_again_on_a_healthy_bus() -> None:
     run = settled(simulation())
     slow = sum(job.stage is Stage.SLOW for job, _ in run.run(60.0))
     assert slow <= 60 * 8 * 3.5 + 8
+
+
+def test_where_the_host_is_often_late_that_is_not_followed_up_for_ever() -> None:
+    run = settled(simulation())
+    list(run.run(4.0))
+    random, asked = Random(1), 0
+    for _ in range(400):
+        run.bus.heal()
+        for servo in random.sample(IDS, 3):
+            run.bus.inject(Injection(kind="slow", servo=servo, value=0.0005))
+        asked += sum(job.stage is Stage.SLOW for job, _ in run.run(0.05))
+    usual = 20 * len(IDS) * 3.5
+    assert 1.1 * usual < asked < usual + 20 * 10 + 40 + 8
 
 
 def test_an_adapter_that_holds_answers_back_is_shown_by_a_few_servos_at_once() -> None:
