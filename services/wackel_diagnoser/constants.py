@@ -2,8 +2,8 @@
 
 What each wheel shows too much, how far it stands off its direction, each gyro's bias, and how far
 each servo stays off its reference; and what they would be mistaken for: lags of steering and
-rolling, and how drives give way to their load. The twist is eliminated, so that wheels and gyros
-are compared with each other only.
+rolling, how wheels that fight turn the robot, and how drives give way to their load. The twist is
+eliminated, so that wheels and gyros are compared with each other only.
 """
 
 import math
@@ -17,7 +17,7 @@ from wackel_diagnoser.reference import Target
 from wackel_diagnoser.rows import UNKNOWN, Measured, Rows
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
-from wackel_kinematics.array import Floats
+from wackel_kinematics.array import Bools, Floats
 from wackel_node.config_drive import DriveConfig, GyroConfig
 
 SLIP_M_S = 0.002
@@ -71,6 +71,9 @@ class Constants:
         scale: By how much each roll row's wheel shows too much, as a share.
         gyro: What each gyro shows too much, rad/s.
         steering_lag, rolling_lag: s by which wheels follow what their encoders show.
+        askew: By how much every gyro shows more than the wheels for each component of the twist,
+            rad/m, rad/m and a share. Wheels that stand and roll a little wrong turn the robot, and
+            as all slip, their readings agree. In another direction they turn it otherwise.
         off: By how much each drive is faster than its reference, as a share.
         gives_way: By how much drives are slower for what they push, m/s by A.
         late: By how much they are later than their references, s, which pushing would explain too.
@@ -85,24 +88,29 @@ class Constants:
         drive, self._rows = layout.drive, rows
         slides, rolls = drive.slide_wheels.tolist(), drive.roll_wheels.tolist()
         steered = [i for i in slides if drive.steers[i]]
-        counts = (len(slides), len(rolls), len(gyros), 1, 1, len(rolls), 1, 1, len(steered))
+        counts = (len(slides), len(rolls), len(gyros), 1, 1, 3, len(rolls), 1, 1, len(steered))
         places = [range(a, b) for a, b in pairwise(np.cumsum([0, *counts]).tolist())]
-        self.direction, self.scale, self.gyro, (self.steering_lag,), (self.rolling_lag,) = places[
-            :5
-        ]
-        self.off, (self.gives_way,), (self.late,), self.stands = places[5:]
+        self.direction, self.scale, self.gyro, *places = places
+        (self.steering_lag,), (self.rolling_lag,), self.askew, *places = places
+        self.off, (self.gives_way,), (self.late,), self.stands = places
         self.count = self.stands.stop
-        self._moving = self.rolling_lag + 1  # parameters of rows on the twist
+        self._moving = self.askew.stop  # parameters of rows on the twist
         self._giving = slice(self.off.start, self.stands.start)
         self._standing = slice(self.stands.start, self.count)
         kinds = (slice(self._moving), self._giving, self._standing)
         self.kinds = [kind for kind in kinds if len(range(self.count)[kind])]
+        # Least squares of all rows, half of whose levers are across any direction.
+        both = math.hypot(config.steering_error, config.radius_error) / math.sqrt(2)
+        scale = max((gyro.scale_error for gyro in gyros.values()), default=0.0)
+        turning = math.hypot(config.radius_error / math.sqrt(drive.n), scale)
+        askew = both / (math.sqrt(drive.n) * drive.length_m)
         sigma = np.concatenate(
             (
                 np.full(len(slides), UNKNOWN * config.steering_error),
                 np.full(len(rolls), UNKNOWN * config.radius_error),
                 [gyro.bias_limit for gyro in gyros.values()],
                 (LAG_S, LAG_S),
+                UNKNOWN * np.array((askew, askew, turning)),
                 np.full(len(rolls), OFF_SHARE),
                 (GIVES_WAY, LAG_S),
                 np.full(len(steered), OFF_RAD),
@@ -153,28 +161,47 @@ class Constants:
         bent = own * turned * turned / 12.0
         weight = present[:end] / (self._noise + loose[:end] + float(bent.dot(bent)))
         weighted = h * weight[:, None]
-        projection = -weighted @ np.linalg.inv(weighted.T @ h + REGULAR) @ weighted.T
+        estimate = np.linalg.inv(weighted.T @ h + REGULAR) @ weighted.T
+        causes[rows.gyros, self.askew] = estimate @ z[:end]
+        projection = -weighted @ estimate
         projection.flat[:: end + 1] += weight
         by_cause = projection @ causes
         information[:moving, :moving] = causes.T @ by_cause
         right[:moving] = seen @ by_cause
 
-        # Drives against their references.
+        self._against_references(block, (z, present, loose), faster, (information, right))
+        return information, right
+
+    def _against_references(
+        self,
+        block: Sequence[Shown],
+        seen: tuple[Floats, Bools, Floats],
+        faster: Floats,
+        equations: tuple[Floats, Floats],
+    ) -> None:
+        """Drives and steerings, each by itself.
+
+        Args:
+            block: As above.
+            seen: All rows, which of them are there, and variances of what the manoeuvre adds.
+            faster: Acceleration of each drive's reference, m/s².
+            equations: What they are added to.
+        """
+        rows, n = self._rows, len(block)
+        (z, present, loose), (information, right) = seen, equations
         off, giving = z[rows.rolling], self._giving
         current = np.add.reduce([shown.current for shown in block]) / n
         if not math.isfinite(sum(current.tolist())):
             current = np.nan_to_num(current)
         causes = np.zeros((len(off), len(off) + 2))
-        causes.flat[:: len(off) + 3] = rolled - off
+        causes.flat[:: len(off) + 3] = z[rows.rolls] - off
         causes[:, -2], causes[:, -1] = -current, -faster
         weight = present[rows.rolling] / (SLIP_M_S**2 + loose[rows.rolling])
         by_cause = causes * weight[:, None]
         information[giving, giving] = causes.T @ by_cause
         right[giving] = off @ by_cause
 
-        # Steerings against theirs.
         standing = self._standing
         weight = present[rows.steering] / (STANDS_RAD**2 + loose[rows.steering])
         information.flat[standing.start * (self.count + 1) :: self.count + 1] = weight
         right[standing] = weight * z[rows.steering]
-        return information, right

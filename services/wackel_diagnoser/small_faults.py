@@ -245,6 +245,8 @@ class SmallFaults:
             if found is not None and window is self._windows[0] and self._ended(tests, found):
                 self.forget()
                 return top
+            if abs(tests.size[tests.evidence.argmax()]) > LARGEST:
+                break  # longer windows have it in them, and seem to show something smaller
             now = now or self._name(tests, looks)
         if found is None:
             # It lasts, and what began within a look has become clear.
@@ -267,7 +269,7 @@ class SmallFaults:
         evidence = tests.evidence
         best = int(evidence.argmax())
         path = self._paths[best]
-        if not path or tests.sure[best] < SURE or abs(tests.size[best]) > LARGEST:
+        if not path or tests.sure[best] < SURE:
             return None
         others = [at for at, each in enumerate(self._paths) if each != path]
         if evidence[best] - evidence[others].max() < CLEAR:
