@@ -10,7 +10,7 @@ from wackel_classifier.alerts import CRC_ERROR, Alerts
 from wackel_classifier.chain import Chain
 from wackel_classifier.duplicates import Duplicates
 from wackel_classifier.explanations import explain
-from wackel_classifier.findings import Book
+from wackel_classifier.findings import Book, Finding
 from wackel_classifier.frozen import Frozen
 from wackel_classifier.jammers import Jammers
 from wackel_classifier.loose_contact import Event, Mark
@@ -83,6 +83,7 @@ class BusClassifier:
         self._attention = 0  # whose answers are news; bits as in Request.concerns
         self._counting: list[Request] = []  # those with clean answers that are not yet made up for
         self._goals_due = True  # goals are looked at once a slot
+        self._disturbers: set[str] = set()  # by component; whose traces others must not explain
         self._jammed_ns = -1  # when a permanent jammer was last there
         self._incomplete = False  # whether the last transaction missed an answer
         self._late = False  # whether it had an answer to an earlier one
@@ -137,6 +138,14 @@ class BusClassifier:
         elif quiet and self._now_ns < self._conclude_ns:
             return []
         return self._conclude(transaction)
+
+    def _explain(self, findings: list[Finding]) -> None:
+        """What jammers and doubled ids did until they were known is no fault of a cable's."""
+        if findings or self._disturbers:
+            for finding in findings:
+                if finding.component not in self._disturbers:
+                    self._losses.explained(finding.since)
+            self._disturbers = {finding.component for finding in findings}
 
     def _new_request(self, instruction: bytes, expected: list[int]) -> Request:
         if self._requests.full:
@@ -404,7 +413,8 @@ class BusClassifier:
         jammers, reach = self._jammers, self._reach
         if reach.waiting or reach.unheard:
             self._make_up()
-        findings = jammers.findings()
+        findings = jammers.findings() + self._duplicates.findings()
+        self._explain(findings)
         findings += reach.findings(now_ns, jammed=jammers.permanent is not None)
         for position in reach.take_newly_gone():
             self._alerts.gone(position)
@@ -418,7 +428,6 @@ class BusClassifier:
         alerts = self._alerts
         findings += self._supply.findings(alerts.complaining(), alerts.undervoltage(), stamp)
         findings += self._frozen.findings(self._alerts)
-        findings += self._duplicates.findings()
         if findings:
             self._strangers.explained()
         findings += self._strangers.findings(now_ns)

@@ -33,6 +33,9 @@ RECONNECTS_ALL = 3
 """So often a connection must be interrupted and come back within three windows to be loose; more
 often where all servos are concerned and for long, since somebody may switch the supply off and on.
 A spark counts for one."""
+SPARK_WAIT_S = 0.5
+"""How long a spark waits until it speaks for a contact that was interrupted: jammers and doubled
+ids, which may have made it, are known by then."""
 BY_HAND_NS = 1_500_000_000
 """Who unplugs a cable or switches the supply off and on takes longer, with the 0.4 s that servos
 need to start anew."""
@@ -170,12 +173,25 @@ class Losses:
 
     def reset(self) -> None:
         """What was counted has another cause: a jammer destroys answers at random."""
+        self._drop_pending()
+        self._successes = [0] * len(self._chain)
+        self._failures = [0] * len(self._chain)
+
+    def explained(self, since: int) -> None:
+        """What failed from a stamp on has another cause, which was not known until now."""
+        events, self._events = self._events, deque()
+        self._counts.clear()
+        self._sparks, self._cuts = 0, [0] * len(self._cuts)
+        for slot, stamp, event in events:
+            if stamp < since:
+                self._remember(slot, stamp, event)
+        self._drop_pending()
+
+    def _drop_pending(self) -> None:
         for pending in self._pending:
             pending.clear()
         self.waiting = 0
         self._strays.clear()
-        self._successes = [0] * len(self._chain)
-        self._failures = [0] * len(self._chain)
 
     def end_slot(self) -> None:
         """The current sample of the thesis's window is over."""
@@ -235,13 +251,16 @@ class Losses:
         position = event.position
         self._failures[position] += 1
         self._windows[position].fail(self._slot)
-        self._events.append((self._slot, stamp, event))
+        self._remember(self._slot, stamp, event)
+        if len(self._events) > MOST_EVENTS:
+            self._drop()
+
+    def _remember(self, slot: int, stamp: int, event: Event) -> None:
+        self._events.append((slot, stamp, event))
         self._counts[event] += 1
         self._sparks += event.mark is Mark.SPARK
         self._cuts[event.position] += _is_cut(event)
         self._unjudged += 1
-        if len(self._events) > MOST_EVENTS:
-            self._drop()
 
     def _drop(self) -> None:
         _, _, event = self._events.popleft()
@@ -278,6 +297,13 @@ class Losses:
                 if failures <= expected + 2 * math.sqrt(expected) + 1:
                     test.reset()
 
+    def _sparked(self) -> bool:
+        """Whether there were bytes of nobody that nothing has explained since."""
+        if not self._sparks:
+            return False
+        latest = self._slot - SPARK_WAIT_S * self._limits.sample_hz
+        return any(slot <= latest and each.mark is Mark.SPARK for slot, _, each in self._events)
+
     def _flickered(self, cable: int) -> bool:
         """Whether a cable failed besides its interruptions, and what follows from these."""
         return any(
@@ -301,7 +327,7 @@ class Losses:
             count = len(told)  # all of them may be of one cable, wherever that is
         brief = [i for i in told if i.lasted_ns <= BY_HAND_NS]
         by_hand = all(i.whole for i in told) and len(brief) < RECONNECTS
-        signs = self._sparks or self._flickered(cable)
+        signs = self._sparked() or self._flickered(cable)
         moving = any(not i.whole for i in brief) and signs
         if count + bool(moving) < (RECONNECTS_ALL if by_hand else RECONNECTS):
             return None

@@ -194,6 +194,21 @@ def test_a_cable_that_was_put_back_twice_hides_no_other_contact_for_long(seed: i
     assert since["bus/main/cable/2-3"] > since["bus/main/cable/5-6"]
 
 
+@pytest.mark.parametrize("kind", ["duplicate_id", "rhythmic_jammer", "permanent_jammer"])
+def test_what_befalls_a_bus_next_makes_no_cable_loose_that_was_unplugged_once(kind: str) -> None:
+    for seed in range(8):
+        rig = healthy(seed)
+        rig.inject("break", 6)
+        rig.run(0.6)
+        rig.bus.heal()
+        rig.run(1.0)
+        rig.inject(kind, 4 if kind == "duplicate_id" else None)
+        rig.run(0.3 + 0.1 * seed)
+        rig.bus.heal()
+        rig.run(5.0)
+        assert {report.code for report in rig.reports} <= {"cable_break", kind}
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_a_silent_servo_where_most_answers_are_lost_never_leaves_the_bus_healthy(seed: int) -> None:
     rig = Rig(chain(SERVOS), seed)
