@@ -83,7 +83,7 @@ class BusClassifier:
         self._attention = 0  # whose answers are news; bits as in Request.concerns
         self._counting: list[Request] = []  # those with clean answers that are not yet made up for
         self._goals_due = True  # goals are looked at once a slot
-        self._disturbers: set[str] = set()  # by component; whose traces others must not explain
+        self._disturbers: set[str] = set()  # components whose traces are no fault of others
         self._jammed_ns = -1  # when a permanent jammer was last there
         self._incomplete = False  # whether the last transaction missed an answer
         self._late = False  # whether it had an answer to an earlier one
@@ -139,7 +139,7 @@ class BusClassifier:
             return []
         return self._conclude(transaction)
 
-    def _explain(self, findings: list[Finding]) -> None:
+    def _absolve(self, findings: list[Finding]) -> None:
         """What jammers and doubled ids did until they were known is no fault of a cable's."""
         if findings or self._disturbers:
             for finding in findings:
@@ -414,7 +414,7 @@ class BusClassifier:
         if reach.waiting or reach.unheard:
             self._make_up()
         findings = jammers.findings() + self._duplicates.findings()
-        self._explain(findings)
+        self._absolve(findings)
         findings += reach.findings(now_ns, jammed=jammers.permanent is not None)
         for position in reach.take_newly_gone():
             self._alerts.gone(position)
