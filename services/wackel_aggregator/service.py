@@ -8,7 +8,7 @@ from wackel_aggregator.core import Aggregator
 from wackel_aggregator.store import Store
 from wackel_node.config import RobotConfig
 from wackel_node.node import Node
-from wackel_node.precedence import DIAGNOSIS, come_first
+from wackel_node.precedence import DIAGNOSIS, LOOK_S, GiveWay, come_first
 from wackel_schemas import keys, wire
 from wackel_schemas.fault import FaultReport
 from wackel_schemas.health import FaultRecord, HealthReply, HealthRequest, Heartbeat
@@ -109,5 +109,6 @@ def run(config: RobotConfig) -> None:
         node.serve(keys.HEALTH_REQUEST, on_request)
         node.every(_COMMIT_S, store.commit)
         node.every(_LOOK_S, publish)
+        node.every(LOOK_S, GiveWay())
         node.ready()
         node.run()

@@ -6,7 +6,7 @@ from wackel_classifier.core import BusClassifier
 from wackel_node.config import RobotConfig
 from wackel_node.fault_publisher import FaultPublisher
 from wackel_node.node import Node
-from wackel_node.precedence import DIAGNOSIS, come_first
+from wackel_node.precedence import DIAGNOSIS, LOOK_S, GiveWay, come_first
 from wackel_schemas import keys, wire
 from wackel_schemas.bus import Transaction
 
@@ -34,5 +34,6 @@ def run(config: RobotConfig) -> None:
                 faults.put(report)
 
         node.subscribe(keys.TRANSACTION, take)
+        node.every(LOOK_S, GiveWay())
         node.ready()
         node.run()

@@ -47,6 +47,38 @@ def test_where_it_is_forbidden_a_better_priority_is_asked_for() -> None:
     assert told(DIAGNOSIS, _FORBIDDEN) == "nice -10\nFalse 0\n"
 
 
+_COMPUTE = """
+import os, threading, time
+from wackel_node.precedence import DIAGNOSIS, GiveWay, come_first
+come_first(DIAGNOSIS)
+give_way = GiveWay()
+over = threading.Event()
+def has_priority(thread):
+    return os.sched_getscheduler(thread.native_id) == os.SCHED_FIFO
+other = threading.Thread(target=over.wait)
+other.start()
+def compute(seconds):
+    end = time.process_time() + seconds
+    while time.process_time() < end:
+        pass
+compute(0.1)
+give_way()
+print(has_priority(other), has_priority(threading.main_thread()))
+over.wait(0.3)
+give_way()
+print(has_priority(other), has_priority(threading.main_thread()))
+over.set()
+"""
+
+
+@pytest.mark.skipif(not may_come_first(), reason="real-time priority is not allowed here")
+@pytest.mark.process
+def test_who_computes_too_much_gives_way_until_it_does_so_no_more() -> None:
+    command = [sys.executable, "-c", _COMPUTE]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout == "False False\nTrue True\n"
+
+
 def test_asking_changes_nothing_here() -> None:
     before = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
     may_come_first()
