@@ -165,9 +165,10 @@ class Verdicts:
             others = {path for path in now if not self._follows(path)}
             standing = self._numbers.get(frozenset(stand | others))
             proposal = proposal if standing is None else standing
-        # What a change of constants explains is believed before what fits better for a while.
+        # What a change of constants explains is believed before what fits better for a while. But a
+        # wheel that sticks pulls at all others, which looks like many things.
         lasting = {small.component} if small is not None else set()
-        if (proposal is None or now) and lasting - now and not stand:
+        if (proposal is None or now) and lasting - now and not (stand or self._has_stood()):
             proposal, is_small = self._numbers[frozenset(lasting)], not verdict
         if proposal is None:
             return False
@@ -245,8 +246,12 @@ class Verdicts:
         """For how long what is faulty must look sound to be so."""
         if self.components == (component.DRIVE,):
             return PUSHED_S
+        return UNSTUCK_S if self._has_stood() else SOUND_S
+
+    def _has_stood(self) -> bool:
+        """Whether any of the drives that are named stood at some time."""
         named = (roll for roll, path in enumerate(self._drives) if path in self.components)
-        return UNSTUCK_S if any(map(self._standing.stood, named)) else SOUND_S
+        return any(map(self._standing.stood, named))
 
     def _watch_soundness(
         self, step: Step, target: Target, rows: tuple[Measured, Floats], likelihood: Floats

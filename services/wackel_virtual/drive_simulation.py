@@ -14,7 +14,7 @@ from random import Random
 import numpy as np
 
 from wackel_drive.layout import Joint
-from wackel_kinematics.array import Floats
+from wackel_kinematics.array import Bools, Floats
 from wackel_kinematics.inverse import inverse
 from wackel_node.config import ConfigError, RobotConfig
 from wackel_node.config_drive import GyroConfig
@@ -101,6 +101,11 @@ class DriveSimulation:
         self._most[layout.drive.roll_wheels] = MOST_M_S / layout.drive.roll_radius
         self._powered = np.ones(layout.drive.n, dtype=np.bool_)
         self._cycle = 0
+
+    @property
+    def blocked(self) -> Bools:
+        """Which wheels a fault holds now, shape (n,)."""
+        return self._drivetrain.blocked
 
     def inject(self, injection: Injection) -> None:
         """Have a fault begin ``start_s`` from now.

@@ -83,6 +83,7 @@ class Drivetrain:
         current: Of the rolling motors, A.
         steering_current: A.
         free: Whether an injected fault has switched the motor off.
+        blocked: Whether one holds the wheel now.
 
     Raises:
         ImportError: MuJoCo is not installed.
@@ -163,7 +164,7 @@ class Drivetrain:
         wheels = WheelStates(
             rate=self._rate,
             driven=powered & ~self._loose,
-            blocked=self._blocked,
+            blocked=self.blocked,
             steering=self._beta + self._direction + self._reference,
         )
         body.step(wheels, self._world(), duration_s)
@@ -215,7 +216,7 @@ class Drivetrain:
         self._conditions = now
         n = self.layout.drive.n
         self.free = _marked(n, now.free)
-        self._blocked = _marked(n, now.blocked)
+        self.blocked = _marked(n, now.blocked)
         self._loose = _marked(n, now.loose)
         self._jammed = _marked(n, now.steering_blocked)
         self._scale = 1.0 + _filled(n, now.drive_scale)

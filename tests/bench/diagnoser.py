@@ -45,6 +45,10 @@ from wackel_schemas.residuals import Residuals
 
 ROBOTS = 100
 SETTLE_S = 2.5
+STANDS_S = 0.1
+"""For how long a wheel that sticks now and then must have stood while it was told to roll faster
+than :data:`TOLD_M_S`; before that nothing has happened."""
+TOLD_M_S = 0.1
 ROLLS_M = 0.5
 """How far a wheel must have been told to roll to show what is a share of its speed: a tenth of that
 is a gap of 5 cm, and a tenth of nothing is nothing."""
@@ -78,6 +82,7 @@ class Kind:
         fault: The class, for the paper; empty where it is not asked.
         lasts_s: How long it is watched at least.
         rolls_m: How far its wheel must have been told to roll meanwhile.
+        stands_s: For how long it must have stood instead.
         named: The share of runs in which it should be named; 0: none is aimed at.
         first_s: Time to the first report that is aimed at, median; 0: none.
         untold: Why it cannot be told; empty where it can.
@@ -90,6 +95,7 @@ class Kind:
     fault: str = ""
     lasts_s: float = SETTLE_S
     rolls_m: float = 0.0
+    stands_s: float = 0.0
     named: float = NAMED
     first_s: float = 0.0
     untold: str = ""
@@ -112,6 +118,7 @@ KINDS = (
         _between(0.3, 0.9),
         "actuator",
         rolls_m=ROLLS_M,
+        stands_s=STANDS_S,
     ),
     Kind("wheel free, torque off", ("wheel_free",), ("wheel_free",), fault="actuator"),
     Kind("wheel off its motor", ("wheel_loose",), ("wheel_free",), lasts_s=5.0, named=0.95),
@@ -327,10 +334,16 @@ def befall(rig: Rig, number: int, seed: str) -> Outcome:
             ground = fault == "ice_patch"
             true.add(component.DRIVE if ground else f"wheel/{names[wheel]}/{part}")
     votes: Counter[tuple[tuple[str, ...], str]] = Counter()
-    tenths, rolled_m, place = 0, 0.0, Layout(rig.config).drive.xy[wheels[0]].tolist()
-    while tenths < 10 * kind.lasts_s or (rolled_m < kind.rolls_m and tenths < 10 * LONGEST_S):
-        rolled_m += 0.1 * _told(rig, place)
-        rig.drive(0.1)
+    rolled_m = stood_s = 0.0
+    tenths, place = 0, Layout(rig.config).drive.xy[wheels[0]].tolist()
+    while tenths < 10 * kind.lasts_s or (
+        (rolled_m < kind.rolls_m or stood_s < kind.stands_s) and tenths < 10 * LONGEST_S
+    ):
+        for _ in range(10):
+            told = _told(rig, place)
+            rig.cycle()
+            rolled_m += 0.01 * told
+            stood_s += 0.01 * bool(told > TOLD_M_S and rig.simulation.blocked[wheels[0]])
         tenths += 1
         votes[_paper(rig.residuals)] += 1
     started = [

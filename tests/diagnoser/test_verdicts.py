@@ -181,3 +181,11 @@ def test_a_differential_drive_names_its_side_and_no_more() -> None:
     rig.inject("drive_sensor_stuck", "left")
     rig.drive(2.0)
     assert [path for _, path in rig.active()] == ["wheel/left/drive"]
+
+
+def test_a_wheel_that_sticks_is_not_taken_for_a_gyro_that_changes() -> None:
+    rig = Rig.of("judge16/fast/4/48")
+    rig.drive(31.72)
+    rig.inject("wheel_temporarily_blocked", "w0", 0.355)
+    rig.drive(2.5)
+    assert rig.active() == [("wheel_sticks", "wheel/w0/drive")]
