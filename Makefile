@@ -1,4 +1,5 @@
-# make demo · make test · make bench · make fuzz · make alarms HOURS=300: each installs what it needs into .venv first.
+# make demo · make test · make bench · make fuzz · make alarms: each installs what it needs into
+# .venv first.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin

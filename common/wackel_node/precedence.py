@@ -2,10 +2,10 @@
 
 A fault on its way to health otherwise waits behind all else that the computer does. What turns it
 into health never computes for long, so those who control the robot hardly wait for that; where it
-does, as when a stranger floods its topics, it gives way. A gateway
-in mode poll does not take precedence by itself: woken at once it costs a fifth more, since it is
-kept on one processor, and loses its caches to those it interrupts. Its systemd unit gives it
-precedence, where a steady bus is worth that.
+does, as when a stranger floods its topics, it gives way. A gateway in mode poll does not take
+precedence by itself: woken at once it costs a fifth more, since it is kept on one processor, and
+loses its caches to those it interrupts. Its systemd unit gives it precedence, where a steady bus is
+worth that.
 """
 
 import os

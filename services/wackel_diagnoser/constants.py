@@ -36,6 +36,8 @@ encoders show, by which a drive or steering stays off its reference, and by whic
 OFF_SHARE = 0.05
 OFF_RAD = 0.05
 GIVES_WAY = 0.1
+SOUND = 1e-3
+"""By what is configured, what there is of a cause where there can be none."""
 REGULAR = 1e-6 * np.eye(3)
 """For drives whose rows do not determine the twist."""
 
@@ -99,6 +101,8 @@ class Constants:
         self._standing = slice(self.stands.start, self.count)
         kinds = (slice(self._moving), self._giving, self._standing)
         self.kinds = [kind for kind in kinds if len(range(self.count)[kind])]
+        # Of wheels that cannot turn against each other, scales and directions say all.
+        fights = UNKNOWN if drive.steers.any() else SOUND
         # Least squares of all rows, half of whose levers are across any direction.
         both = math.hypot(config.steering_error, config.radius_error) / math.sqrt(2)
         scale = max((gyro.scale_error for gyro in gyros.values()), default=0.0)
@@ -110,7 +114,7 @@ class Constants:
                 np.full(len(rolls), UNKNOWN * config.radius_error),
                 [gyro.bias_limit for gyro in gyros.values()],
                 (LAG_S, LAG_S),
-                UNKNOWN * np.array((askew, askew, turning)),
+                fights * np.array((askew, askew, turning)),
                 np.full(len(rolls), OFF_SHARE),
                 (GIVES_WAY, LAG_S),
                 np.full(len(steered), OFF_RAD),

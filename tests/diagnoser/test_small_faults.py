@@ -81,10 +81,8 @@ def test_equations_tell_constants(config: DriveConfig) -> None:
         right += of_it
     told = np.linalg.solve(information, right)
     assert told[constants.gyro[0]] == pytest.approx(0.03, abs=0.004)
-    # How much of a yaw rate is slip's doing, only wheels that contradict each other tell.
-    if driven.layout.drive.steers.any():
-        scale = told[list(constants.scale)]
-        assert scale[0] - scale[1] == pytest.approx(0.01, abs=0.002)
+    scale = told[list(constants.scale)]
+    assert scale[0] - scale[1] == pytest.approx(0.01, abs=0.002)
     assert told[constants.off[0]] - told[constants.off[1]] == pytest.approx(0.01, abs=0.002)
 
 
