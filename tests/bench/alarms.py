@@ -16,6 +16,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from itertools import count
 from pathlib import Path
@@ -132,7 +133,10 @@ def known(path: Path, code: str) -> dict[int, Driven]:
     """The robots of earlier runs of this code, by number."""
     if not path.exists():
         return {}
-    entries = [json.loads(line) for line in path.read_text().splitlines()]
+    entries = []
+    for line in path.read_text().splitlines():
+        with suppress(ValueError):  # of a run that was killed as it wrote: it drives again
+            entries.append(json.loads(line))
     return {
         entry["job"]["number"]: Driven(Job(**entry["job"]), entry["alarms"])
         for entry in entries
