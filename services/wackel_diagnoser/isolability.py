@@ -123,12 +123,11 @@ class Isolability:
         shown = np.where(drive.steers, heading, 0.0)
         rates = np.full(drive.n, np.nan)
         rates[drive.roll_wheels] = motion.wheel_rate[drive.roll_wheels]
-        nanoseconds = round(1e9 / RATE)
-        step = Step(
-            0, nanoseconds, heading, np.zeros(drive.n), rates, np.full(len(self._gyros), twist[2])
-        )
+        nanoseconds, still = round(1e9 / RATE), np.zeros(drive.n)
+        step = Step(0, nanoseconds, heading, still, rates, np.full(len(self._gyros), twist[2]))
         speed = drive.roll_radius * motion.wheel_rate[drive.roll_wheels]
-        return step, Target(heading, [0.0] * drive.n, speed, [0.0] * len(speed), shown, twist)
+        gaps, speed_gaps = [0.0] * drive.n, [0.0] * len(speed)
+        return step, Target(heading, still, gaps, speed, speed_gaps, shown, twist)
 
     def _with(self, step: Step, fault: str) -> Step:
         place = self._hypotheses.place(fault)

@@ -43,7 +43,8 @@ class Target(NamedTuple):
     Attributes:
         heading: Direction of each wheel, rad to the left of forward, shape (n,); not wrapped, on
             the side on which the wheel stands.
-        heading_gap: How far that still was from the command, rad, of each wheel.
+        turned: How far each was steered meanwhile, rad, shape (n,).
+        heading_gap: How far the heading still was from the command, rad, of each wheel.
         speed: Rolling speed of each roll row, m/s.
         speed_gap: How far that still was from the command, m/s, of each roll row.
         goal: Commanded headings, on this side or half a turn round.
@@ -52,6 +53,7 @@ class Target(NamedTuple):
     """
 
     heading: Floats
+    turned: Floats
     heading_gap: list[float]
     speed: Floats
     speed_gap: list[float]
@@ -105,6 +107,7 @@ class Reference:
         self._steering_rate = LEAST_STEERING_RATE
         self._turned_before = [0.0] * n, 1.0  # rad, s
         self._unknown = Target(
+            np.full(drive.n, np.nan),
             np.full(drive.n, np.nan),
             [0.0] * drive.n,
             np.full(len(drive.roll_wheels), np.nan),
@@ -173,9 +176,10 @@ class Reference:
             if learnt_s:
                 self._learn(step, learnt_s, middles)
                 picked = self._picked
-            middle = middles.take(picked)
+            middle, change = middles.take(picked), moved.take(picked)
         else:
-            middle = goal - self._lag_s / dt * moved.take(picked)
+            change = moved.take(picked)
+            middle = goal - self._lag_s / dt * change
         self._state += moved
         gap, fade = [*map(abs, missing.take(picked).tolist())], math.exp(-dt / SETTLING_S)
         self._envelope = [
@@ -184,7 +188,9 @@ class Reference:
         if any(self._halves):
             middle *= self._sign
             middle += self._half_turns
-        return Target(middle[:n], self._envelope, middle[n:], gap[n:], goal[:n], self._twist)
+        return Target(
+            middle[:n], change[:n], self._envelope, middle[n:], gap[n:], goal[:n], self._twist
+        )
 
     def _hold(self, moved: Floats, middles: Floats, most: float) -> None:
         """No steering turns by more than it can.

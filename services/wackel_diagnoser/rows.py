@@ -240,9 +240,10 @@ class Rows:
         whole = math.isfinite(sum(stands) + sum(lag) + sum(rolled) + sum(turning))
         if target.known:
             told, speeds = target.heading.tolist(), target.speed.tolist()
-            aimed = self._mounted.copy()
+            # Wheels follow what they are told as late as what encoders show.
+            aimed, turned = self._mounted.copy(), target.turned.tolist()
             for i in steered:
-                aimed[i] = told[i] + zeros[i]
+                aimed[i] = told[i] + zeros[i] - late * turned[i]
             rows = drive.known_rows(stands, aimed) if whole else _any_rows(drive, stands, aimed)
             forced, mean = self._slip(rows[1], target.speed)
             off, present = [heading[i] - told[i] for i in steered], self.every

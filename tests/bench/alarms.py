@@ -2,9 +2,10 @@
 
 Seldom as they shall be, they take hundreds of hours to count, at some thirty times real time on
 each processor: ``make alarms HOURS=300`` drives on until all runs of the same code together have so
-many. Half of the robots have three wheels, half are simulated with contact physics, half drive on
-random paths and the others in the ways of :mod:`tests.diagnoser.driving`. One in eleven is three
-times worse calibrated than configured; of those a tenth of the hours is enough.
+many. ``alarms.json`` says which robots have driven, to be committed with that code. Half of the
+robots have three wheels, half are simulated with contact physics, half drive on random paths and
+the others in the ways of :mod:`tests.diagnoser.driving`. One in eleven is three times worse
+calibrated than configured; of those a tenth of the hours is enough.
 """
 
 import argparse
@@ -16,8 +17,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterable
-from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 from random import Random
@@ -43,7 +43,7 @@ TELLING = 3.0
 """Reports to be expected at the aimed rate, in hours that tell: none of them is then as likely as
 one in twenty."""
 HOURS, QUICK_HOURS = 6.0, 0.2
-KEPT = Path(".bench/alarms.jsonl")
+KEPT = Path(__file__).with_name("alarms.json")
 _ROOT = Path(__file__).parents[2]
 _CODE = (
     "services/wackel_diagnoser",
@@ -133,15 +133,27 @@ def known(path: Path, code: str) -> dict[int, Driven]:
     """The robots of earlier runs of this code, by number."""
     if not path.exists():
         return {}
-    entries = []
-    for line in path.read_text().splitlines():
-        with suppress(ValueError):  # of a run that was killed as it wrote: it drives again
-            entries.append(json.loads(line))
+    kept = json.loads(path.read_text())
+    if kept["code"] != code:
+        return {}
+    numbers = [number for first, last in kept["driven"] for number in range(first, last + 1)]
     return {
-        entry["job"]["number"]: Driven(Job(**entry["job"]), entry["alarms"])
-        for entry in entries
-        if entry["code"] == code
+        number: Driven(Job.of(number), kept["alarms"].get(str(number), [])) for number in numbers
     }
+
+
+def keep(path: Path, code: str, driven: Iterable[Driven]) -> None:
+    """Writes what :func:`known` reads; all of it or, if it is interrupted, what was there."""
+    by_number = {each.job.number: each.alarms for each in driven}
+    ranges: list[list[int]] = []
+    for number in sorted(by_number):
+        if not ranges or number > ranges[-1][1] + 1:
+            ranges.append([number, number])
+        ranges[-1][1] = number
+    alarms = {str(number): by_number[number] for number in sorted(by_number) if by_number[number]}
+    written = path.with_suffix(".new")
+    written.write_text(json.dumps({"code": code, "driven": ranges, "alarms": alarms}, indent=1))
+    written.replace(path)
 
 
 def drive(hours: float, path: Path = KEPT) -> list[Driven]:
@@ -153,19 +165,15 @@ def drive(hours: float, path: Path = KEPT) -> list[Driven]:
     """
     code = fingerprint(_ROOT / name for name in _CODE)
     driven = known(path, code)
-    path.parent.mkdir(exist_ok=True)
     numbers = _needed(hours, driven)
     with (
         multiprocessing.get_context("spawn").Pool(os.cpu_count(), _prepare) as pool,
         Progress(console=Console(stderr=True), transient=True) as progress,
-        path.open("a") as file,
     ):
         try:
             for each in progress.track(pool.imap_unordered(robot, numbers), len(numbers)):
                 driven[each.job.number] = each
-                entry = {"code": code, "job": asdict(each.job), "alarms": each.alarms}
-                file.write(json.dumps(entry) + "\n")
-                file.flush()
+                keep(path, code, driven.values())
         except KeyboardInterrupt:
             pool.terminate()
     return list(driven.values())

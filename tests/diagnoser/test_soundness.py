@@ -51,7 +51,7 @@ class Named:
 
     def _target(self, speed: float) -> Target:
         told = np.full(3, self._told)
-        return Target(told, [0.0] * 3, np.full(3, speed), [0.0] * 3, told, np.zeros(3))
+        return Target(told, np.zeros(3), [0.0] * 3, np.full(3, speed), [0.0] * 3, told, np.zeros(3))
 
 
 DRIVE, STEERING = component.wheel_drive("w1"), component.wheel_steering("w1")
