@@ -193,7 +193,8 @@ class Constants:
         """
         rows, n = self._rows, len(block)
         (z, present, loose), (information, right) = seen, equations
-        off, giving = z[rows.rolling], self._giving
+        yielded = np.add.reduce([shown.measured.yielded for shown in block]) / n
+        off, giving = z[rows.rolling] + yielded, self._giving
         current = np.add.reduce([shown.current for shown in block]) / n
         if not math.isfinite(sum(current.tolist())):
             current = np.nan_to_num(current)

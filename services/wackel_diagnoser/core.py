@@ -173,7 +173,8 @@ class Diagnoser:
         learning = calm and self._steps_made % LEARN_EVERY == 0
         learnt_s = seconds * LEARN_EVERY if learning else 0.0
         target = self._reference.step(step, learnt_s)
-        measured = rows.measure(step, target, self._bias.value)
+        loads = self._efforts.loads(target.speed.tolist())
+        measured = rows.measure(step, target, self._bias.value, loads)
         variance = measured.base * self._sensors.factors
         variance += measured.fixed
         variance += measured.loose * self._manoeuvre.factors
@@ -199,7 +200,7 @@ class Diagnoser:
             self._correct()
         shown = Shown(step, target, measured, self._bias.value, currents)
         self._small.step(shown, calm=calm)
-        rows.lag_s = self._small.lag_s
+        rows.lag_s, rows.gives_way = self._small.lag_s, self._small.gives_way
         if learning:
             rows.calibrate(self._small.calibration)
         evidence = measured, variance, efforts

@@ -6,6 +6,7 @@ one whose sensor only says so.
 """
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -144,6 +145,18 @@ class Efforts:
     def currents(self) -> list[float]:
         """Of the rolling motors, as last read, A or share of load; NaN if unknown."""
         return self._current[: self._rolls]
+
+    def loads(self, speeds: Iterable[float]) -> list[float]:
+        """What each rolling motor pushes at these speeds, m/s: its current less that of friction; 0
+        if unknown."""
+        friction, _ = self._needs
+        loads = [
+            amperes - friction * speed
+            for amperes, speed in zip(self._current, speeds, strict=False)
+        ]
+        if math.isfinite(sum(loads)):
+            return loads
+        return [load if math.isfinite(load) else 0.0 for load in loads]
 
     def rolling(self) -> tuple[list[float], tuple[float, float], list[float]] | None:
         """Currents of the rolling motors, what driving needs by speed and by acceleration, and the

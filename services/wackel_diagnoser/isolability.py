@@ -92,11 +92,11 @@ class Isolability:
         """How a fault shows in a motion."""
         step, target = self._moving(np.array(twist))
         step = self._with(step, fault)
-        bias = np.zeros(len(self._gyros))
+        bias, unloaded = np.zeros(len(self._gyros)), [0.0] * len(target.speed)
         rows = Rows(self._layout, self._config, self._gyros)
         rows.calibrate(rows.configured)  # as driving will have shown
         for _ in range(2):  # the fault lasts: nothing has just jumped
-            measured = rows.measure(step, target, bias)
+            measured = rows.measure(step, target, bias, unloaded)
         variance = measured.base + measured.fixed + measured.loose
         likelihood = self._bank.evaluate(measured.z, measured.h, variance, measured.size)
         hypotheses = self._hypotheses

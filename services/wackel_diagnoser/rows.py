@@ -8,7 +8,7 @@ calibration: it is constant, so that hours of one motion say nothing of the next
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from operator import add, sub
@@ -76,6 +76,8 @@ class Measured:
         fixed: Variance of calibration, as far as it is known, shape (M,).
         loose: Variance that the present manoeuvre adds, shape (M,).
         size: What a fault's share refers to, shape (M,).
+        yielded: By how much each drive is faster than its reference (mostly slower) for what it
+            pushes, which has been taken off, m/s, shape (roll rows,).
         speed: The fastest wheel's, m/s.
         creep: How much all wheels slip by their load, m/s.
         present: Which rows are there.
@@ -87,6 +89,7 @@ class Measured:
     fixed: Floats
     loose: Floats
     size: Floats
+    yielded: list[float]
     speed: float
     creep: float
     present: Bools
@@ -100,6 +103,7 @@ class Rows:
             ``…/rolling`` (against the references).
         slides, rolls, gyros, steering, rolling: Where each kind stands among the rows.
         lag_s: By how much wheels follow later than their steering's encoders show.
+        gives_way: By how much drives are slower for what they push, m/s by A or share of load.
         every: Of all rows, that they are there.
         configured: Squares of the shares of speed by which slide and roll rows may be off.
     """
@@ -182,7 +186,7 @@ class Rows:
         self._calibration: Floats = (UNKNOWN * wrong) ** 2
         self.configured: Floats = wrong[: len(slides) + len(rolls)] ** 2
         self._mounted: list[float] = drive.heading(np.zeros(drive.n)).tolist()
-        self._zeros, self.lag_s = [0.0] * drive.n, 0.0
+        self._zeros, self.lag_s, self.gives_way = [0.0] * drive.n, 0.0, 0.0
         self._h = np.zeros((self.count, 3))
         self._h[self.gyros, 2] = 1.0
         self._constraints = len(slides) + len(rolls)
@@ -215,13 +219,14 @@ class Rows:
         deviations."""
         self._calibration[: self._constraints] = squares
 
-    def measure(self, step: Step, target: Target, bias: Floats) -> Measured:
+    def measure(self, step: Step, target: Target, bias: Floats, loads: Iterable[float]) -> Measured:
         """The rows of a step.
 
         Args:
             step: What the sensors said.
             target: What the wheels should have done.
             bias: Of each gyro, rad/s.
+            loads: What each rolling motor pushes, A or share of load; 0 if unknown.
         """
         drive, dt, steered = self._drive, step.seconds, self._steered
         # Single numbers: for some wheels, Python is faster with them than numpy.
@@ -247,13 +252,14 @@ class Rows:
             rows = drive.known_rows(stands, aimed) if whole else _any_rows(drive, stands, aimed)
             forced, mean = self._slip(rows[1], target.speed)
             off, present = [heading[i] - told[i] for i in steered], self.every
-            missed = [is_ - should for is_, should in zip(rolled, speeds, strict=True)]
+            yielded = [-self.gives_way * load for load in loads]
+            missed = [*map(sub, map(sub, rolled, speeds), yielded)]
         else:
             rows = drive.known_rows(stands) if whole else _any_rows(drive, stands)
             forced, mean = self._no_constraints, 0.0
             self._told, self._skid = self._unknown, 0.0
             off, present = self._no_steering, self._untold
-            missed = speeds = self._no_rolls
+            missed = speeds = yielded = self._no_rolls
         h = self._h.copy()
         h[: self._constraints] = rows[0]
         z = [*self._no_slides, *rolled, *turning, *off, *missed]
@@ -309,7 +315,14 @@ class Rows:
         if present is not self.every:
             size *= present
         return Measured(
-            values[: self.count], h, *self._variances(values, causes), size, speed, creep, present
+            values[: self.count],
+            h,
+            *self._variances(values, causes),
+            size,
+            yielded,
+            speed,
+            creep,
+            present,
         )
 
     def _variances(self, values: Floats, causes: Floats) -> tuple[Floats, Floats, Floats]:

@@ -56,9 +56,12 @@ AGREE = 3
 """Looks in a row that must name the same: those that a shock spoilt leave the first window."""
 SURER = 3.0
 """Logarithm of how much likelier another kind must be."""
-FORCED = 0.12
+FORCED = 0.3
 """Share of what calibration makes wheels contradict each other that shows otherwise than in other
-motions: which of them slip, friction decides."""
+motions: which of them slip, friction decides. Tyres that creep share it alike; of hard ones, the
+one that is pulled most slips, and takes it all."""
+FORCED_YAW = 0.12
+"""The same of gyros, for what one wheel slips turns the robot the less the more wheels hold it."""
 YIELDS = 0.2
 """Share by which a wheel slips whose motor is too fast, 0.1 to 0.3; drives give way by the rest."""
 ACCURATE = {
@@ -117,6 +120,8 @@ class SmallFaults:
     Attributes:
         found: The change that is there.
         lag_s: By how much wheels follow later than their steering's encoders show, as learnt.
+        gives_way: By how much drives are slower for what they push, as learnt, m/s by A or share of
+            load.
         calibration: Squares of the shares of speed by which slide and roll rows are expected to be
             off, by what driving has shown of directions and radii.
     """
@@ -134,12 +139,14 @@ class SmallFaults:
         self._prior = np.diag(constants.prior)
         # By parameter: only rows on the twist contradict each other, less the three that it takes.
         self._forced = np.zeros(constants.count)
-        self._forced[constants.kinds[0]] = FORCED**2 / max(rows.gyros.stop - 3, 1)
+        self._forced[constants.kinds[0]] = FORCED**2
+        self._forced[constants.gyro] = FORCED_YAW**2
+        self._forced /= max(rows.gyros.stop - 3, 1)
         self._scaling = Scaling(constants.count, first=2.0, least=0.05)
         self._normal = _Sums(constants.count)
         self._usual = np.zeros(constants.count)
         self._driven = 0
-        self.lag_s = 0.0
+        self.lag_s = self.gives_way = 0.0
         self._configured = rows.configured
         self.calibration: Floats = UNKNOWN**2 * rows.configured
         self.forget()
@@ -211,6 +218,7 @@ class SmallFaults:
         if calm and top < SUSPECTED:
             scaling.learn(squares, heard, seconds)
             self.lag_s = min(max(float(usual[self._constants.steering_lag]), EARLIEST_S), LATEST_S)
+            self.gives_way = max(float(usual[self._constants.gives_way]), 0.0)
             # Readings of a robot agree with each other even where its wheels are pulled askew: to
             # take off what is learnt would turn its errors into contradictions.
             expected = usual**2 + covariance.diagonal()

@@ -31,8 +31,9 @@ class Moving:
         """That they shall."""
         self.reference.command(TwistCommand(stamp=self._end, vx=0.5, vy=0.0, omega=omega))
 
-    def shown(self, *, lost: int | None = None) -> Shown:
-        """The next step; ``lost``: the wheel that has not been heard of."""
+    def shown(self, *, lost: int | None = None, load: float = 0.0) -> Shown:
+        """The next step; ``lost``: the wheel that has not been heard of; ``load``: of the first
+        motor."""
         drive = self.layout.drive
         heading = np.where(drive.steers, 0.0, np.nan)
         steered = np.where(drive.steers, 0.0, np.nan)
@@ -42,7 +43,8 @@ class Moving:
         begin, self._end = self._end, self._end + STEP_NS
         step = Step(begin, self._end, heading, steered, rate, np.array([0.01]))
         target = self.reference.step(step, 0.0)
-        measured = self.rows.measure(step, target, np.zeros(1))
+        loads = [load, *[0.0] * (len(drive.roll_wheels) - 1)]
+        measured = self.rows.measure(step, target, np.zeros(1), loads)
         return Shown(step, target, measured, np.zeros(1), [math.nan] * len(drive.roll_wheels))
 
 
@@ -98,6 +100,16 @@ def test_wheels_that_steer_late_are_expected_to_pull_each_other() -> None:
         slips.append(np.sqrt(moving.shown().measured.loose[moving.rows.rolls]))
     at_once, late = slips
     assert (late > at_once + 0.005).all()
+
+
+def test_a_drive_that_pushes_may_be_slower() -> None:
+    moving = Moving(steered_drive(4))
+    moving.rows.gives_way = 0.05
+    moving.command()
+    rolling = moving.rows.rolling
+    unloaded = moving.shown().measured.z[rolling]
+    loaded = moving.shown(load=0.4).measured.z[rolling]
+    assert loaded - unloaded == pytest.approx([0.02, 0.0, 0.0, 0.0], abs=1e-9)
 
 
 @pytest.mark.parametrize("lost", [None, 1])

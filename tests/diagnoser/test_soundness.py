@@ -39,7 +39,7 @@ class Named:
             z[self._row + 1] = off
             nothing = np.zeros(self._rows.count)
             h = np.zeros((self._rows.count, 3))
-            measured = Measured(z, h, *(nothing,) * 4, speed, 0.0, self._rows.every)
+            measured = Measured(z, h, *(nothing,) * 4, [], speed, 0.0, self._rows.every)
             variance = np.full(self._rows.count, SIGMA**2)
             self._soundness.step(self._step(), self._target(speed), measured, variance, evidence)
 
