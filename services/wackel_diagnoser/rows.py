@@ -40,10 +40,17 @@ DROOP_M_S = 0.03
 tyre that slips pushes no harder if it slips more."""
 GRIP_M_S = 0.01
 YAWING = 0.3
-"""The yaw rate that this causes, by what it would be if all wheels slipped the same way around."""
+"""The yaw rate that slip causes, by what it would be if all wheels slipped the same way around. Of
+what calibration forces on wheels friction decides who slips: no weighted mean says how they turn
+the robot."""
 JERK = 1.0
 """A gyro's sample and a step cover different times, and tyres creep by what turns the robot: wheels
 are ahead by as much as its value changes in one step. What changes in one step only is no turn."""
+ASKED = 2.0
+ASKED_FADES = 0.8
+"""How much faster a yaw rate changes than that of the references, and what is left of their change
+a step later: tyres and drives follow within 50 ms, and not evenly. What nobody asked for is no
+turn, but the gyro's."""
 UNKNOWN = 3.0
 """How much worse than configured calibration may be before driving has shown it."""
 LOADED = 0.05
@@ -105,7 +112,8 @@ class Rows:
         lag_s: By how much wheels follow later than their steering's encoders show.
         gives_way: By how much drives are slower for what they push, m/s by A or share of load.
         every: Of all rows, that they are there.
-        configured: Squares of the shares of speed by which slide and roll rows may be off.
+        configured: Squares of the shares by which slide and roll rows (of speed) and gyros (of
+            their rate) may be off.
     """
 
     def __init__(
@@ -184,7 +192,7 @@ class Rows:
         self._follows = per_row((0.0, 0.0, 0.0, 0.0, FOLLOWS**2))[:, 0]
         wrong = per_row((config.steering_error, config.radius_error, scale, 0.0, 0.0))[:, 0]
         self._calibration: Floats = (UNKNOWN * wrong) ** 2
-        self.configured: Floats = wrong[: len(slides) + len(rolls)] ** 2
+        self.configured: Floats = wrong[: self.gyros.stop] ** 2
         self._mounted: list[float] = drive.heading(np.zeros(drive.n)).tolist()
         self._zeros, self.lag_s, self.gives_way = [0.0] * drive.n, 0.0, 0.0
         self._h = np.zeros((self.count, 3))
@@ -202,9 +210,12 @@ class Rows:
             self._inverse = np.asarray(np.linalg.inv(straight.T @ straight + REGULAR))
         self._gyro_before = self._turned = self._no_gyros
         self._unknown = self._told = [math.nan] * len(rolls)
-        self._skid = 0.0  # by how much wheels are ahead of the robot, m/s
+        # By how much wheels are ahead of the robot, m/s; and the references' yaw rate, and by how
+        # much that has changed of late, rad/s.
+        self._skid, self._told_yaw, self._asked = 0.0, math.nan, 0.0
         self.every: Bools = np.ones(self.count, dtype=np.bool_)
         self._untold: Bools = np.arange(self.count) < self.gyros.stop
+        self.calibrate(self._calibration[: self.gyros.stop])
 
     def roll_of(self, wheel: int) -> int:
         """Number of a wheel's roll row among the roll rows; -1 if it has none."""
@@ -215,9 +226,11 @@ class Rows:
         self._zeros = zeros.tolist()
 
     def calibrate(self, squares: Floats) -> None:
-        """Slide and roll rows are off by such shares of a wheel's speed, squares of standard
-        deviations."""
-        self._calibration[: self._constraints] = squares
+        """Slide and roll rows are off by such shares of a wheel's speed, and gyros by such of their
+        rate, squares of standard deviations."""
+        self._calibration[: self.gyros.stop] = squares
+        mean = float(squares[: self._constraints].mean())
+        self._turns = (YAWING / self._drive.length_m) ** 2 * mean
 
     def measure(self, step: Step, target: Target, bias: Floats, loads: Iterable[float]) -> Measured:
         """The rows of a step.
@@ -250,13 +263,13 @@ class Rows:
             for i in steered:
                 aimed[i] = told[i] + zeros[i] - late * turned[i]
             rows = drive.known_rows(stands, aimed) if whole else _any_rows(drive, stands, aimed)
-            forced, mean = self._slip(rows[1], target.speed)
+            forced, mean, yaw = self._slip(rows[1], target.speed)
             off, present = [heading[i] - told[i] for i in steered], self.every
             yielded = [-self.gives_way * load for load in loads]
             missed = [*map(sub, map(sub, rolled, speeds), yielded)]
         else:
             rows = drive.known_rows(stands) if whole else _any_rows(drive, stands)
-            forced, mean = self._no_constraints, 0.0
+            forced, mean, yaw = self._no_constraints, 0.0, math.nan
             self._told, self._skid = self._unknown, 0.0
             off, present = self._no_steering, self._untold
             missed = speeds = yielded = self._no_rolls
@@ -297,7 +310,7 @@ class Rows:
                 # What is forced or late, or belongs to another time.
                 *map(add, forced[:slides], lagging),
                 *forced[slides:],
-                *[JERK * each for each in self._changed(turning)],
+                *[JERK * each for each in self._changed(turning, yaw)],
                 *[PENDING * gaps[i] + late for i, late in zip(steered, lag, strict=True)],
                 *[PENDING * gap for gap in target.speed_gap],
                 # What causes depend on.
@@ -317,7 +330,7 @@ class Rows:
         return Measured(
             values[: self.count],
             h,
-            *self._variances(values, causes),
+            *self._variances(values, causes, speed),
             size,
             yielded,
             speed,
@@ -325,12 +338,15 @@ class Rows:
             present,
         )
 
-    def _variances(self, values: Floats, causes: Floats) -> tuple[Floats, Floats, Floats]:
+    def _variances(
+        self, values: Floats, causes: Floats, speed: float
+    ) -> tuple[Floats, Floats, Floats]:
         """Of sensors, of calibration, and what the manoeuvre adds.
 
         Args:
             values: What rows measure and show, and what is forced or late, shape (3 M + 6,).
             causes: Noise, sizes of faults, and slip, shape (3 M,).
+            speed: The fastest wheel's, m/s.
         """
         count = self.count
         squares, loose = values[count : 2 * count], values[2 * count : 3 * count]
@@ -339,13 +355,22 @@ class Rows:
         base += causes[:count]
         loose += causes[2 * count :]
         loose *= loose
-        return base, squares * self._calibration, loose
+        fixed = squares * self._calibration
+        fixed[self.gyros] += self._turns * speed * speed
+        return base, fixed, loose
 
-    def _changed(self, turning: list[float]) -> list[float]:
-        """By how much each gyro's value has changed, in this step and in the one before."""
+    def _changed(self, turning: list[float], told: float) -> list[float]:
+        """By how much each gyro's value has changed, in this step and in the one before, as far as
+        the references' yaw rate, rad/s, has done so of late; what else changes is no turn."""
         before, now = self._turned, [*map(abs, map(sub, turning, self._gyro_before))]
+        asked, self._told_yaw = abs(told - self._told_yaw), told
         self._gyro_before, self._turned = turning, now
-        return [*map(min, now, before)]
+        if not math.isfinite(asked):
+            self._asked = 0.0
+            return [*map(min, now, before)]
+        self._asked = max(asked, ASKED_FADES * self._asked)
+        most = ASKED * self._asked
+        return [min(a, b, most) for a, b in zip(now, before, strict=True)]
 
     def _hastened(self, told: list[float], twist: Floats, speed: float, dt: float) -> float:
         """How much all slip since the command hastens the robot, m/s; 0 if it is not known."""
@@ -359,17 +384,18 @@ class Rows:
         self._skid = max(0.0, self._skid + (hastened - HOLDS_M_S2) * dt)
         return LOADED * min(held * held, 1.0) * speed + self._skid
 
-    def _slip(self, rows: Floats, speeds: Floats) -> tuple[list[float], float]:
+    def _slip(self, rows: Floats, speeds: Floats) -> tuple[list[float], float, float]:
         """How much the references contradict each other, m/s: by which each row may be off, and on
-        average."""
+        average; and how they turn the robot, rad/s."""
         inverse = self._inverse
         if inverse is None:
             inverse = np.asarray(np.linalg.inv(rows.T @ rows + REGULAR))
-        slip: list[float] = rows.dot(inverse.dot(speeds.dot(rows[self.rolls]))).tolist()
+        twist = inverse.dot(speeds.dot(rows[self.rolls]))
+        slip: list[float] = rows.dot(twist).tolist()
         for row, speed in enumerate(speeds.tolist(), start=self.rolls.start):
             slip[row] -= speed
         mean = math.sqrt(sum([each * each for each in slip]) / len(slip))
-        return [FORCED * abs(each) for each in slip], mean
+        return [FORCED * abs(each) for each in slip], mean, float(twist[2])
 
 
 def _any_rows(drive: Drive, *headings: Sequence[float]) -> Floats:

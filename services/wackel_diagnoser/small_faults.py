@@ -60,7 +60,7 @@ FORCED = 0.3
 """Share of what calibration makes wheels contradict each other that shows otherwise than in other
 motions: which of them slip, friction decides. Tyres that creep share it alike; of hard ones, the
 one that is pulled most slips, and takes it all."""
-FORCED_YAW = 0.12
+FORCED_YAW = 0.16
 """The same of gyros, for what one wheel slips turns the robot the less the more wheels hold it."""
 YIELDS = 0.2
 """Share by which a wheel slips whose motor is too fast, 0.1 to 0.3; drives give way by the rest."""
@@ -122,8 +122,8 @@ class SmallFaults:
         lag_s: By how much wheels follow later than their steering's encoders show, as learnt.
         gives_way: By how much drives are slower for what they push, as learnt, m/s by A or share of
             load.
-        calibration: Squares of the shares of speed by which slide and roll rows are expected to be
-            off, by what driving has shown of directions and radii.
+        calibration: Squares of the shares by which slide and roll rows (of speed) and gyros (of
+            their rate) are expected to be off, by what driving has shown.
     """
 
     def __init__(
@@ -149,6 +149,9 @@ class SmallFaults:
         self.lag_s = self.gives_way = 0.0
         self._configured = rows.configured
         self.calibration: Floats = UNKNOWN**2 * rows.configured
+        # Where each of them stands; how gyros and wheels disagree on turning is one for all gyros.
+        self._wheels = constants.gyro.start
+        self._calibrated = [*range(self._wheels), *[constants.askew.stop - 1] * len(gyros)]
         self.forget()
 
     def forget(self) -> None:
@@ -221,16 +224,16 @@ class SmallFaults:
             self.gives_way = max(float(usual[self._constants.gives_way]), 0.0)
             # Readings of a robot agree with each other even where its wheels are pulled askew: to
             # take off what is learnt would turn its errors into contradictions.
-            expected = usual**2 + covariance.diagonal()
-            self.calibration = np.maximum(expected[: len(self._configured)], self._configured)
+            expected = (usual**2 + covariance.diagonal()).take(self._calibrated)
+            self.calibration = np.maximum(expected, self._configured)
 
     def _forced_slip(self, information: Floats, usual: Floats) -> Floats:
         """Variance of the slip that calibration forces, by that of noise, for each parameter.
 
         It does not become less with time: as long as the motion is the same, so is the slip.
         """
-        errors = usual[: len(self._configured)]
-        contradiction = errors @ information[: len(errors), : len(errors)] @ errors
+        errors, wheels = usual[: self._wheels], self._wheels
+        contradiction = errors @ information[:wheels, :wheels] @ errors
         return np.asarray(float(contradiction) * self._forced)
 
     def _learn(self, information: Floats, right: Floats, seconds: float) -> None:

@@ -130,16 +130,24 @@ def fingerprint(directories: Iterable[Path]) -> str:
 
 
 def known(path: Path, code: str) -> dict[int, Driven]:
-    """The robots of earlier runs of this code, by number."""
+    """The robots of earlier runs of this code, by number.
+
+    Raises:
+        SystemExit: What is there is no such record. Hours of driving are not thrown away unasked.
+    """
     if not path.exists():
         return {}
-    kept = json.loads(path.read_text())
-    if kept["code"] != code:
-        return {}
-    numbers = [number for first, last in kept["driven"] for number in range(first, last + 1)]
-    return {
-        number: Driven(Job.of(number), kept["alarms"].get(str(number), [])) for number in numbers
-    }
+    try:
+        kept = json.loads(path.read_text())
+        if kept["code"] != code:
+            return {}
+        alarms = {int(number): list(said) for number, said in kept["alarms"].items()}
+        numbers = [number for first, last in kept["driven"] for number in range(first, last + 1)]
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise SystemExit(
+            f"{path} is damaged ({error!r}); without it, counting begins anew"
+        ) from None
+    return {number: Driven(Job.of(number), alarms.get(number, [])) for number in numbers}
 
 
 def keep(path: Path, code: str, driven: Iterable[Driven]) -> None:

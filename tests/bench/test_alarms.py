@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from tests.bench.alarms import Driven, Job, keep, known
 
 
@@ -18,3 +20,14 @@ def test_robots_of_other_code_do_not_count(tmp_path: Path) -> None:
     assert known(path, "now") == {}
     keep(path, "before", [Driven(Job.of(0), [])])
     assert known(path, "now") == {}
+
+
+@pytest.mark.parametrize(
+    "record",
+    ["", "{", "[]", "{}", '{"code": "now", "driven": 3, "alarms": {}}', '{"code": "now"}', "\xff"],
+)
+def test_a_damaged_record_is_said_to_be_one(tmp_path: Path, record: str) -> None:
+    path = tmp_path / "alarms.json"
+    path.write_bytes(record.encode("latin-1"))
+    with pytest.raises(SystemExit, match="damaged"):
+        known(path, "now")

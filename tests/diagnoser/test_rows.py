@@ -31,9 +31,9 @@ class Moving:
         """That they shall."""
         self.reference.command(TwistCommand(stamp=self._end, vx=0.5, vy=0.0, omega=omega))
 
-    def shown(self, *, lost: int | None = None, load: float = 0.0) -> Shown:
+    def shown(self, *, lost: int | None = None, load: float = 0.0, yaw: float = 0.01) -> Shown:
         """The next step; ``lost``: the wheel that has not been heard of; ``load``: of the first
-        motor."""
+        motor; ``yaw``: what the gyro shows."""
         drive = self.layout.drive
         heading = np.where(drive.steers, 0.0, np.nan)
         steered = np.where(drive.steers, 0.0, np.nan)
@@ -41,7 +41,7 @@ class Moving:
         if lost is not None:
             heading[lost] = steered[lost] = rate[lost] = np.nan
         begin, self._end = self._end, self._end + STEP_NS
-        step = Step(begin, self._end, heading, steered, rate, np.array([0.01]))
+        step = Step(begin, self._end, heading, steered, rate, np.array([yaw]))
         target = self.reference.step(step, 0.0)
         loads = [load, *[0.0] * (len(drive.roll_wheels) - 1)]
         measured = self.rows.measure(step, target, np.zeros(1), loads)
@@ -110,6 +110,32 @@ def test_a_drive_that_pushes_may_be_slower() -> None:
     unloaded = moving.shown().measured.z[rolling]
     loaded = moving.shown(load=0.4).measured.z[rolling]
     assert loaded - unloaded == pytest.approx([0.02, 0.0, 0.0, 0.0], abs=1e-9)
+
+
+def test_wheels_that_are_calibrated_badly_may_turn_the_robot_otherwise_than_they_show() -> None:
+    moving = Moving(steered_drive(3))
+    moving.command()
+    unsure = []
+    for wrong in (0.003, 0.009):
+        moving.rows.calibrate(np.full(moving.rows.gyros.stop, wrong**2))
+        unsure.append(math.sqrt(moving.shown().measured.fixed[moving.rows.gyros].item()))
+    assert unsure[1] == pytest.approx(3.0 * unsure[0], rel=0.01)
+
+
+def test_a_gyro_that_jumps_while_nobody_turns_is_held_against_the_wheels_at_once() -> None:
+    unsure = []
+    for omega in (0.0, 0.5):
+        moving = Moving(steered_drive(4))
+        moving.command()
+        for _ in range(20):
+            moving.shown()
+        moving.command(omega=omega)
+        for yaw in (0.1, 0.2):
+            measured = moving.shown(yaw=yaw).measured
+        unsure.append(math.sqrt(measured.loose[moving.rows.gyros].item()))
+    nobody, turning = unsure
+    assert nobody < 0.01
+    assert turning > 0.05
 
 
 @pytest.mark.parametrize("lost", [None, 1])
