@@ -229,7 +229,7 @@ class Rows:
         """Slide and roll rows are off by such shares of a wheel's speed, and gyros by such of their
         rate, squares of standard deviations."""
         self._calibration[: self.gyros.stop] = squares
-        mean = float(squares[: self._constraints].mean())
+        mean = float(np.add.reduce(squares[: self._constraints])) / self._constraints
         self._turns = (YAWING / self._drive.length_m) ** 2 * mean
 
     def measure(self, step: Step, target: Target, bias: Floats, loads: Iterable[float]) -> Measured:

@@ -119,6 +119,10 @@ class Sequential:
         self.sums[:] = 0.0
         self._highest = self.alarm_s = 0.0
 
+    def discredit(self, explanation: int) -> None:
+        """What has spoken for an explanation did not: it must convince anew."""
+        self.memory[self._members[explanation]] = _greatest(self.memory) - DEEPEST
+
     def forget(self) -> None:
         """Time was started anew; the verdict stays."""
         self.sums[:] = 0.0

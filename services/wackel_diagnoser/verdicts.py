@@ -3,10 +3,12 @@
 Residuals propose (:mod:`wackel_diagnoser.sequential`), and where they see nothing or another part,
 a change of what is constant (:mod:`wackel_diagnoser.small_faults`), which then stays as long as the
 change. A proposal that only clears a part that was named must wait until that part has shown itself
-sound. Wheels that stand though they are told to roll (:mod:`wackel_diagnoser.standing`) are faulty
-whatever residuals say, which then speak of how the others are dragged.
+sound. A gyro that seems wrong while the motors strain is not: something pushes the robot. Wheels
+that stand though they are told to roll (:mod:`wackel_diagnoser.standing`) are faulty whatever
+residuals say, which then speak of how the others are dragged.
 """
 
+import math
 from collections import deque
 from collections.abc import Sequence
 
@@ -44,6 +46,9 @@ CONVICTS = 0.5
 """But a motor may be convicted up to here, since what skids would speak for its sensor."""
 ALARM_STEPS = 4
 """How long an alarm takes at least."""
+STRAINED = 4.0
+"""Mean of what the motors need beyond driving, as squares by what that usually is, while something
+pushes the robot: it loads wheels until they slip, and a gyro that is wrong loads none."""
 FORCED_STEPS = 5
 """That are compared at once with how wheels force each other."""
 
@@ -132,8 +137,8 @@ class Verdicts:
         if sequential.verdict:
             self._watch_soundness(step, target, evidence[:2], likelihood)
             self._watch_standing(step, target, evidence[0])
-        changed = self._follow(step, target)
         self._recent.append((*evidence, step.seconds))
+        changed = self._follow(step, target)
         test = self.test
         if test is not None and test.seconds < WINDOW_S:
             if changed:  # an alarm takes some steps, which tell of the kind already
@@ -158,6 +163,12 @@ class Verdicts:
         sequential, explanations = self._sequential, self._hypotheses.explanations
         verdict, small = sequential.verdict, self._small.found
         proposal = sequential.proposal()
+        if proposal is not None and self._is_push(explanations[proposal]):
+            sequential.discredit(proposal)
+            proposal = self._numbers[frozenset((component.DRIVE,))]
+            if proposal == verdict:
+                sequential.accept(verdict)  # it still pushes
+                return False
         is_small = False
         now = set(explanations[verdict])
         stand = {self._drives[roll] for roll in self._standing.rows()} if verdict else set()
@@ -188,6 +199,14 @@ class Verdicts:
         self._soundness.begin(explanations[proposal], step, target)
         self._take(explanations[proposal], step)
         return True
+
+    def _is_push(self, names: Sequence[str]) -> bool:
+        """Whether what looks as if gyros were wrong turns the robot against its wheels."""
+        if not names or not all(name.startswith("gyro/") for name in names):
+            return False
+        strains = [efforts[: len(self._rolls)] for _, _, efforts, _ in self._recent]
+        known: list[float] = [s for each in strains for s in each.tolist() if math.isfinite(s)]
+        return sum(known) > STRAINED * len(known)
 
     def _tells_kind(self, small: Change) -> bool:
         """Whether what is constant tells a motor from its sensor better than what they cost."""

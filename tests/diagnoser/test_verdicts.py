@@ -155,6 +155,18 @@ def test_a_push_is_over_and_excludes_nobody_for_long(warm: Rig) -> None:
     assert rig.active() == []
 
 
+@pytest.mark.parametrize(("later_s", "weights"), [(0.3, 0.7), (0.6, 1.3), (0.9, 0.7)])
+def test_what_turns_the_robot_against_its_motors_is_no_fault_of_the_gyro(
+    warm: Rig, later_s: float, weights: float
+) -> None:
+    rig = warm.copy()
+    rig.drive(later_s)
+    rig.inject("push", value=weights)
+    rig.drive(2.5)
+    assert {report.code for report in rig.reports} == {"drive_disturbed"}
+    assert rig.active() == []
+
+
 def test_two_blocked_wheels_are_both_named(warm: Rig) -> None:
     rig = warm.copy()
     rig.inject("wheel_blocked", "w0")
