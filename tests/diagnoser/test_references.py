@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.diagnoser.rig import Rig
+from tests.diagnoser.rig import WARM_UP_S, Rig
 from tests.odometry.simulation import steered_drive
 from wackel_diagnoser.forced import GRIP_M_S2, ForcedMotion
 from wackel_drive.layout import Layout
@@ -100,7 +100,7 @@ def test_bad_calibration_that_deceives_for_as_long_as_a_motion_lasts_is_no_wrong
 @pytest.mark.parametrize("count", [3, 4])
 def test_a_wrong_zero_is_named_with_its_angle_and_excluded(count: int) -> None:
     rig = Rig.of("tune/zero", count)
-    rig.drive(10.0)
+    rig.drive(WARM_UP_S)
     assert rig.reports == []
     rig.inject("steering_reference_error", "w1", ERROR_RAD)
     for _ in range(25):
