@@ -47,8 +47,10 @@ FOLLOWS_SHARE = 0.25
 FOLLOWS_M_S = 0.05
 FOLLOWS_RAD = 0.1
 """A wheel that does not do what it is told has another fault."""
-WORST = 20.0
-"""How much larger the variance of misses may be, as driving shows: more is no calibration."""
+WORST_YAW, WORST_ROLL = 3.0, 10.0
+"""How much larger the variance of misses may be, as driving shows. Calibration three times worse
+than configured makes that of yaw rates twice as large, that of rolling speeds on hard tyres ten
+times; more is no calibration, but a zero that was wrong from the start."""
 MOST_TOLD = 1.5
 """Evidence of one block at most: a second of driving, in several directions, is the least that
 convicts."""
@@ -112,6 +114,7 @@ class ReferenceErrors:
         self._power = SlipPower()
         self._before: Motion | None = None
         self._scaling = Scaling(2 + n, first=3.0, least=1.0)
+        self._worst = np.array((WORST_YAW, *[WORST_ROLL] * n, math.inf))
         # From each direction, of each wheel's errors, and of a floor that costs as much.
         self._from = np.zeros((len(DIRECTIONS), n + 1, len(SIZES)))
         self._evidence = self._from.sum(axis=0)
@@ -125,9 +128,7 @@ class ReferenceErrors:
     @property
     def worse(self) -> Floats:
         """How much larger the variances of misses are than expected, shape (2 + n,)."""
-        worse = np.minimum(self._scaling.factors, WORST)
-        worse[-1] = self._scaling.factors[-1]
-        return worse
+        return np.asarray(np.minimum(self._scaling.factors, self._worst))
 
     @property
     def suspected(self) -> bool:

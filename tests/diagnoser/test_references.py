@@ -115,6 +115,13 @@ def test_a_wrong_zero_is_named_with_its_angle_and_excluded(count: int) -> None:
     assert [each.component for each in rig.exclusions.excluded] == ["wheel/w1/steering"]
 
 
+def test_a_zero_that_was_wrong_from_the_start_is_not_learnt_as_usual() -> None:
+    rig = Rig.of("tune22/fast/3/2", 3)
+    rig.inject("steering_reference_error", "w0", math.radians(9))
+    rig.drive(40.0)
+    assert rig.active() == [("steering_reference", "wheel/w0/steering")]
+
+
 def test_a_steering_whose_sensor_is_off_has_no_wrong_zero_as_well() -> None:
     rig = Rig.of("tune/long/fast/3/0", 3)
     rig.drive(20.0)
