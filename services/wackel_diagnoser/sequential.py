@@ -31,6 +31,8 @@ LEAD = 3.0
 """By how much the best explanation must lead the next to be named at once (e³ = 20 to 1)."""
 PATIENCE_S = 0.15
 """After an alarm the best is named after this time even so."""
+RISING = 0.25
+"""Share of the limit from which evidence may become an alarm; chance is seldom above it."""
 
 
 # Of numpy's own kind: it takes longer for a number of Python's.
@@ -57,6 +59,7 @@ class Sequential:
         sums: The cumulative sums, shape (K,).
         memory: Fading log-likelihoods, shape (K,), up to a constant.
         alarm_s: For how long there has been an alarm.
+        rising_s: For how long there has been evidence that may become one.
         lead: Logarithm of how much likelier what was proposed last is than any other.
     """
 
@@ -67,6 +70,7 @@ class Sequential:
         self._limit = limit
         self._highest = 0.0
         self.alarm_s = 0.0
+        self.rising_s = 0.0
         self.lead = 0.0
         self.verdict = 0
         self.sums = np.zeros(len(prior))
@@ -91,6 +95,8 @@ class Sequential:
         np.maximum(memory, _greatest(memory) - DEEPEST, out=memory)
         self._highest = _greatest(sums)
         self.alarm_s = self.alarm_s + seconds if self._highest > self._limit else 0.0
+        rises = self._highest > RISING * self._limit
+        self.rising_s = self.rising_s + seconds if rises else 0.0
 
     def posterior(self) -> Floats:
         """Probabilities of the hypotheses, as the last fractions of a second tell, shape (K,)."""
@@ -117,7 +123,7 @@ class Sequential:
         """Takes an explanation to be true from now on."""
         self.verdict = explanation
         self.sums[:] = 0.0
-        self._highest = self.alarm_s = 0.0
+        self._highest = self.alarm_s = self.rising_s = 0.0
 
     def discredit(self, explanation: int) -> None:
         """What has spoken for an explanation did not: it must convince anew."""
@@ -127,7 +133,7 @@ class Sequential:
         """Time was started anew; the verdict stays."""
         self.sums[:] = 0.0
         self.memory[:] = 0.0
-        self._highest = self.alarm_s = 0.0
+        self._highest = self.alarm_s = self.rising_s = 0.0
 
 
 def _greatest(values: Floats) -> float:

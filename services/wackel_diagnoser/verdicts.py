@@ -3,9 +3,9 @@
 Residuals propose (:mod:`wackel_diagnoser.sequential`), and where they see nothing or another part,
 a change of what is constant (:mod:`wackel_diagnoser.small_faults`), which then stays as long as the
 change. A proposal that only clears a part that was named must wait until that part has shown itself
-sound. A gyro that seems wrong while the motors strain is not: something pushes the robot. Wheels
-that stand though they are told to roll (:mod:`wackel_diagnoser.standing`) are faulty whatever
-residuals say, which then speak of how the others are dragged.
+sound. A gyro that seems wrong while the motors strain is not: something pushes the robot, or wheels
+pull each other. Wheels that stand though they are told to roll (:mod:`wackel_diagnoser.standing`)
+are faulty whatever residuals say, which then speak of how the others are dragged.
 """
 
 import math
@@ -49,6 +49,11 @@ ALARM_STEPS = 4
 STRAINED = 4.0
 """Mean of what the motors need beyond driving, as squares by what that usually is, while something
 pushes the robot: it loads wheels until they slip, and a gyro that is wrong loads none."""
+SUDDEN_S = 0.25
+"""Within which what pushes the robot shows, from the first evidence: it takes some steps."""
+PULLED = 2.0
+"""The same mean while wheels of wrong calibration pull each other until some skid: the robot turns
+otherwise than they show, by little, so that it takes longer to see than a push."""
 FORCED_STEPS = 5
 """That are compared at once with how wheels force each other."""
 
@@ -94,6 +99,11 @@ class Verdicts:
         self.test: KindTest | None = None
         self.steers_wrong = False
         self._standing = Standing(len(self._rolls))
+        self._of_gyros = {
+            number
+            for number, names in enumerate(hypotheses.explanations)
+            if names and all(name.startswith("gyro/") for name in names)
+        }
         self._numbers = {frozenset(names): i for i, names in enumerate(hypotheses.explanations)}
         self._is_small = False
         self._soundness = Soundness(hypotheses, rows)
@@ -163,12 +173,8 @@ class Verdicts:
         sequential, explanations = self._sequential, self._hypotheses.explanations
         verdict, small = sequential.verdict, self._small.found
         proposal = sequential.proposal()
-        if proposal is not None and self._is_push(explanations[proposal]):
-            sequential.discredit(proposal)
-            proposal = self._numbers[frozenset((component.DRIVE,))]
-            if proposal == verdict:
-                sequential.accept(verdict)  # it still pushes
-                return False
+        if proposal in self._of_gyros:
+            proposal = self._unless_strained(proposal)
         is_small = False
         now = set(explanations[verdict])
         stand = {self._drives[roll] for roll in self._standing.rows()} if verdict else set()
@@ -200,13 +206,25 @@ class Verdicts:
         self._take(explanations[proposal], step)
         return True
 
-    def _is_push(self, names: Sequence[str]) -> bool:
-        """Whether what looks as if gyros were wrong turns the robot against its wheels."""
-        if not names or not all(name.startswith("gyro/") for name in names):
-            return False
+    def _unless_strained(self, proposal: int) -> int | None:
+        """What gyros that seem wrong are: while motors strain, a push, or nothing of the kind."""
+        sequential, push = self._sequential, self._numbers[frozenset((component.DRIVE,))]
+        slow = sequential.rising_s > SUDDEN_S
+        pushed = sequential.verdict == push
+        if self._strain() < (PULLED if slow and not pushed else STRAINED):
+            return proposal
+        sequential.discredit(proposal)
+        if not (slow or pushed):
+            return push
+        sequential.accept(sequential.verdict)  # it still pushes, or nothing does
+        return None
+
+    def _strain(self) -> float:
+        """Mean of what the rolling motors need beyond driving, as squares by what that usually is;
+        0 if unknown."""
         strains = [efforts[: len(self._rolls)] for _, _, efforts, _ in self._recent]
         known: list[float] = [s for each in strains for s in each.tolist() if math.isfinite(s)]
-        return sum(known) > STRAINED * len(known)
+        return sum(known) / max(len(known), 1)
 
     def _tells_kind(self, small: Change) -> bool:
         """Whether what is constant tells a motor from its sensor better than what they cost."""
