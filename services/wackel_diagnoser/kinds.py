@@ -37,7 +37,7 @@ WEIGHT = 4.0
 """Evidence of an effort that is e times the limit."""
 CLEAR = 8.0
 """Evidence that a steering needs that is hardly off: calibration of 0.2° in each wheel shows half a
-degree in one with up to 5, as often as not of the wrong kind."""
+degree in one with up to 5, as often as not of the wrong kind. Efforts never tell it."""
 NOTHING = np.zeros(0)
 WINDOW_S = 3.0
 """How long after the onset a kind is still reconsidered."""
@@ -148,7 +148,7 @@ class KindTest:
             evidence += _strain(own, STEERING_STRAINED) + _strain(others, OTHERS_STRAINED)
         else:
             evidence += _strain(own, STRAINED)
-        self.clear = abs(evidence) > CLEAR
+        self.clear = self._is_forced and abs(evidence) > CLEAR
         if not self._kind or abs(evidence) > CHANGE:
             self._kind = "actuator" if evidence > 0 else "sensor"
         return self._kind
