@@ -36,8 +36,10 @@ from wackel_schemas.message import Message
 
 RATE = 100.0
 """Hz for which false alarms are designed; at another rate they scale with it."""
-LEARN_EVERY = 4
-"""Steps; what is learnt changes within seconds."""
+LEARN_EVERY = 8
+"""Steps; what is learnt changes within seconds, and neighbouring steps teach the same."""
+LOOK_EVERY = 4
+"""Steps, at motors: as long as what a wheel pushes hardly changes."""
 SHOW_NS = 200_000_000
 """How often residuals are published: as fast as people read."""
 EXAMINE_NS = 50_000_000
@@ -84,7 +86,7 @@ class Diagnoser:
         self._unsure = np.zeros(rows.count)  # variances of those, in their rows
         self._unsure[rows.gyros] = self._bias.variance
         self._efforts = Efforts(layout)
-        self._idle = IdleMotors(len(layout.drive.roll_wheels), RATE / LEARN_EVERY)
+        self._idle = IdleMotors(len(layout.drive.roll_wheels), RATE / LOOK_EVERY)
         self._references = ReferenceErrors(layout, rows)
         self._history = History()
         self._verdicts = Verdicts(
@@ -205,8 +207,8 @@ class Diagnoser:
             rows.calibrate(self._small.calibration)
         evidence = measured, variance, efforts
         changed = self._verdicts.step(step, target, evidence, likelihood, currents)
-        if self._steps_made % LEARN_EVERY == 0 and (rolling := self._efforts.rolling()) is not None:
-            self._idle.step(seconds * LEARN_EVERY, target.speed.tolist(), *rolling)
+        if self._steps_made % LOOK_EVERY == 0 and (rolling := self._efforts.rolling()) is not None:
+            self._idle.step(seconds * LOOK_EVERY, target.speed.tolist(), *rolling)
         messages: list[Message] = []
         if changed or self._to_examine(step.end):
             messages += self._examine(step.end)
