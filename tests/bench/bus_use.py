@@ -58,9 +58,7 @@ def run(*, quick: bool = False) -> list[Table]:
                 ]
                 bare_ms = _bare_ms(config, instruction, cycles)
                 with buses.gateway(name, fast_sync_read=fast) as gateway:
-                    gateway.cycles.clear()
-                    gateway.wait(lambda g=gateway: len(g.cycles) > cycles)  # type: ignore[misc]
-                    period_ms = _period_ms(gateway.cycles)
+                    period_ms = _period_ms(gateway.cycles(cycles))
                 live += [
                     Figure(label, period_ms, "ms", bytes_, 1.1),
                     Figure(label, period_ms, "ms", ("wire and servos", servos_ms)),

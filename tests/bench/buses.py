@@ -26,7 +26,6 @@ BLOCK = (126, 10)
 """Address and length of current, velocity, position of series X: what every cycle reads."""
 UNLIMITED = 2000.0
 """Hz; more than any of the wires allows, so that a cycle follows at once on the last."""
-_WARM_CYCLES = 100
 
 
 class Buses:
@@ -85,13 +84,12 @@ class Buses:
         bus = msgspec.structs.replace(self.configs[name], **changes)
         config = msgspec.structs.replace(self._robot, buses={name: bus})
         path = write(config, self._directory, f"gateway-{name}")
-        warm = min(_WARM_CYCLES, int(bus.rate)) if bus.mode == "poll" else 0
         with (
             process("wackel_gateway", "--config", str(path), log=self._log) as started,
             Link(config) as link,
         ):
             gateway = Gateway(link, name, started.pid)
-            gateway.wait(lambda: gateway.connected and len(gateway.cycles) >= warm)
+            gateway.wait(lambda: gateway.connected and (bus.mode != "poll" or gateway.reads))
             try:
                 yield gateway
             finally:
@@ -114,31 +112,39 @@ class Work:
 
 
 class Gateway:
-    """A running gateway, seen from outside.
-
-    Attributes:
-        cycles: Its reads of all servos so far.
-    """
+    """A running gateway, seen from outside: by its statistics, which cost it next to nothing."""
 
     def __init__(self, link: Link, bus: str, pid: int) -> None:
-        self.cycles: list[Transaction] = []
         self._link = link
+        self._bus = bus
         self._pid = pid
         self._latest: BusStatistics | None = None
         link.subscribe(keys.STATISTICS, self._on_statistics, bus=bus)
-        link.subscribe(keys.TRANSACTION, self._on_transaction, bus=bus)
 
     def _on_statistics(self, _: str, message: BusStatistics) -> None:
         self._latest = message
-
-    def _on_transaction(self, _: str, message: Transaction) -> None:
-        if len(message.expected) == len(IDS):
-            self.cycles.append(message)
 
     @property
     def connected(self) -> bool:
         """Whether it has said that its port is open."""
         return self._latest is not None and self._latest.connected
+
+    @property
+    def reads(self) -> bool:
+        """Whether it has said that it reads all servos, cycle by cycle."""
+        return self._latest is not None and self._latest.cycle_rate > 0.0
+
+    def cycles(self, count: int) -> list[Transaction]:
+        """Its next reads of all servos; it has one more reader to feed from now on."""
+        cycles: list[Transaction] = []
+
+        def on_transaction(_: str, message: Transaction) -> None:
+            if len(message.expected) == len(IDS):
+                cycles.append(message)
+
+        self._link.subscribe(keys.TRANSACTION, on_transaction, bus=self._bus)
+        self.wait(lambda: len(cycles) >= count)
+        return cycles
 
     def wait(self, condition: Callable[[], bool], limit_s: float = 20.0) -> None:
         """Listens to it until a condition holds.
