@@ -11,7 +11,8 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 import msgspec
 
-from wackel_node.config import RobotConfig, dump, load
+from wackel_node.arguments import config_of
+from wackel_node.config import RobotConfig, dump
 from wackel_node.config_types import Section
 from wackel_node.errors import OK
 
@@ -27,13 +28,13 @@ def main(argv: list[str]) -> int:
         "that may be saved and edited. A mistake is told in one line, with exit code 2.",
     )
     parser.add_argument(
-        "config", nargs="?", type=Path, help="robot.toml; without it, the defaults are printed"
+        "config", nargs="?", type=Path, help="default: robot.toml where you are, else all defaults"
     )
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="print JSON instead of TOML")
     form.add_argument("--explain", action="store_true", help="print what each setting means")
     arguments = parser.parse_args(argv)
-    config = load(arguments.config) if arguments.config is not None else RobotConfig()
+    config = config_of(arguments)
     if arguments.explain:
         print("\n".join(explanation(RobotConfig)).lstrip("\n"))
     elif arguments.json:

@@ -12,9 +12,21 @@ from wackel_node.config import RobotConfig, dump, parse
 TEXT = '[buses.main]\nport = "/dev/ttyUSB0"\nservos = [{id = 3}]\n'
 
 
-def test_the_defaults_alone_are_a_file_to_start_from(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_defaults_alone_are_a_file_to_start_from(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
     assert main([]) == 0
     assert parse(capsys.readouterr().out) == RobotConfig()
+
+
+def test_the_robot_of_this_directory_is_meant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("robot.toml").write_text(TEXT)
+    assert main([]) == 0
+    assert parse(capsys.readouterr().out) == parse(TEXT)
 
 
 def test_what_is_in_force_is_printed_with_every_default(
