@@ -11,7 +11,7 @@ import pytest
 import zenoh
 
 from wackel_node.config import RobotConfig, ZenohConfig
-from wackel_node.link import session
+from wackel_node.session import session
 
 # In the background of a shell SIGINT is ignored, which the processes under test would inherit.
 signal.signal(signal.SIGINT, signal.default_int_handler)

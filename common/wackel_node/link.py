@@ -1,58 +1,39 @@
-"""A process's link to the robot's topics: Zenoh session, typed publishing, subscribing, asking.
+"""A process's link to the robot's topics: typed publishing, subscribing, serving, asking.
 
 Zenoh calls back on its own threads. There a :class:`Link` only queues; handlers and timers run in
 turns, one at a time, so services need no locks: on the thread that calls :meth:`Link.pump`, or,
 between :meth:`Link.handle_at_once` and its end, on the one that has received a message.
 """
 
-import ctypes
-import json
 import math
-import os
 import queue
 import random
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from operator import itemgetter
 from types import TracebackType
-from typing import Any, Generic, Literal, Self, TypeAlias, TypeVar
+from typing import Any, Self, TypeVar
 
 import zenoh
-from zenoh.ext import (
-    AdvancedPublisher,
-    CacheConfig,
-    HistoryConfig,
-    declare_advanced_publisher,
-    declare_advanced_subscriber,
-)
+from zenoh.ext import HistoryConfig, declare_advanced_subscriber
 from zenoh.handlers import Callback
 
 from wackel_node.clock import Clock
 from wackel_node.config import RobotConfig
-from wackel_node.errors import NOT_REACHED, Explained
+from wackel_node.inbox import Inbox
 from wackel_node.log import logger
+from wackel_node.publisher import Publisher
+from wackel_node.session import Role, session
 from wackel_schemas import wire
-from wackel_schemas.keys import MOST_BYTES, MOST_HEALTH_BYTES, ROOT, Query, Topic
+from wackel_schemas.keys import MOST_BYTES, ROOT, Query, Topic
 from wackel_schemas.message import Message, Record
-
-# One thread of Zenoh's receives, where by itself one waits for the socket and two take turns at
-# reading it: a message woke all three. Sending keeps its own, so neither waits for the other.
-os.environ.setdefault("ZENOH_RUNTIME", "(net: (handover: acc), rx: (handover: acc))")
 
 M = TypeVar("M", bound=Message)
 Q = TypeVar("Q", bound=Record)
 R = TypeVar("R", bound=Message)
 
-# How many messages wait for a busy reader: of state a quarter of a second at 1 kHz, of evidence
-# several seconds, which also bounds the age of what is still worth reading.
-_DEPTH = {"newest": 256, "all": 4096}
-# What Zenoh itself puts together before anyone can refuse it (twice as much, as measured), and
-# what may wait in one inbox.
-_MOST_REASSEMBLED = MOST_HEALTH_BYTES
-_MOST_WAITING = 4 * MOST_HEALTH_BYTES
 _MOST_TOLD = 200  # characters of a refusal
 _WARN_EVERY_S = 60.0
 # Strangers may write on any key: what is remembered of each ends here.
@@ -62,185 +43,6 @@ _STRANGE_JUMP = 3_600_000
 
 # Tells the words of a service from Zenoh's own errors, such as its time-out.
 _REFUSAL = zenoh.Encoding.TEXT_PLAIN
-
-Role = Literal["peer", "client", "router"]
-
-
-_Arrival: TypeAlias = tuple[int, "_Inbox", Any, int]
-"""When, monotonic ns; inbox, item, bytes. By the time, items of several inboxes keep order."""
-
-
-class NotReached(Explained, ConnectionError):
-    """No robot answers where the configuration points; the text says where and what to start."""
-
-    exit_code = NOT_REACHED
-
-
-def session(config: RobotConfig, role: Role) -> zenoh.Session:
-    """Opens a Zenoh session with explicit endpoints and without multicast.
-
-    Args:
-        config: For endpoint and lease.
-        role: ``router`` is the rendezvous itself; a ``peer`` (service) links directly to the
-            others, comes up without a rendezvous and keeps looking for it; a ``client`` (tool)
-            talks through the rendezvous and fails without one.
-
-    Raises:
-        NotReached: The rendezvous is absent (client), or its address is taken (router).
-    """
-    endpoint = config.zenoh.endpoint
-    # A service on the robot listens on loopback only: what is outside comes in by the rendezvous.
-    listen = {"router": [endpoint], "peer": ["tcp/127.0.0.1:0"], "client": []}[role]
-    settings: dict[str, Any] = {
-        "mode": role,
-        "listen/endpoints": listen,
-        "connect/endpoints": [] if role == "router" else [endpoint],
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": True,
-        # Nothing is scouted, so waiting for it at the start (500 ms) is lost time.
-        "scouting/delay": 1,
-        "open/return_conditions/connect_scouted": False,
-        "timestamping/enabled": True,  # the cache of a latched topic orders its values by it
-        "transport/link/tx/lease": config.zenoh.lease_ms,
-        # Of 64 KiB each, filled only as needed. With the two of the default, what follows a long
-        # message is lost where the sending thread does not get its turn within a millisecond.
-        "transport/link/tx/queue/size/data": 16,
-        "transport/link/rx/max_message_size": _MOST_REASSEMBLED,
-    }
-    if role == "peer":
-        settings["connect/timeout_ms"] = -1
-        settings["connect/exit_on_failure"] = False
-        settings["connect/retry"] = {
-            "period_init_ms": 50,
-            "period_max_ms": 500,
-            "period_increase_factor": 2,
-        }
-    zenoh_config = zenoh.Config()
-    for key, value in settings.items():
-        zenoh_config.insert_json5(key, json.dumps(value))
-    # The session complains of data that arrives while it closes, which is no error.
-    zenoh.init_log_from_env_or("error,zenoh::api::session=off")
-    try:
-        return zenoh.open(zenoh_config)
-    except zenoh.ZError as error:
-        if role == "router":
-            raise NotReached(
-                f"cannot listen at {endpoint}: is another wackel up or zenohd running?"
-            ) from error
-        raise NotReached(f"no robot at {endpoint}: start it with `wackel up`") from error
-
-
-class Publisher(Generic[M]):
-    """Publishes one type on one key, numbered without gaps; never blocks."""
-
-    def __init__(self, link: "Link", topic: Topic[M], key: str) -> None:
-        self._boot = link.boot
-        self._seq = 0
-        self._encoding = encoding = wire.encoding(topic.message)
-        self._last = b""
-        self._publisher: zenoh.Publisher | AdvancedPublisher
-        if topic.latched:
-            self._publisher = declare_advanced_publisher(
-                link.session,
-                key,
-                encoding=encoding,
-                congestion_control=zenoh.CongestionControl.DROP,
-                cache=CacheConfig(max_samples=1),
-                publisher_detection=True,
-            )
-            # Clients without the advanced subscriber get the latest value by a plain query.
-            self._queryable = link.session.declare_queryable(
-                key, Callback(self._reply_latest, indirect=False)
-            )
-        else:
-            self._publisher = link.session.declare_publisher(
-                key, encoding=encoding, congestion_control=zenoh.CongestionControl.DROP
-            )
-
-    def put(self, message: M) -> None:
-        """Publishes; sets the message's boot and seq."""
-        self.send(self.encode(message))
-
-    def encode(self, message: M) -> bytes:
-        """The bytes to :meth:`send` next; sets the message's boot and seq."""
-        message.boot = self._boot
-        message.seq = self._seq
-        self._seq += 1
-        return wire.encode(message)
-
-    def send(self, data: bytes) -> None:
-        """Publishes what was encoded."""
-        self._last = data
-        self._publisher.put(data)
-
-    @property
-    def has_reader(self) -> bool:
-        """Whether anyone is linked who would get what is published now."""
-        if isinstance(self._publisher, AdvancedPublisher):
-            return True  # a latched value waits for its reader
-        status: Any = self._publisher.matching_status  # the stub says bool, which it is not
-        return bool(status.matching)
-
-    def watch_readers(self, handler: Callable[[], None]) -> None:
-        """Has Zenoh's thread call the handler when there is a reader and was none before."""
-
-        def on_status(status: zenoh.MatchingStatus) -> None:
-            if status.matching:
-                handler()
-
-        assert isinstance(self._publisher, zenoh.Publisher)  # a latched value waits by itself
-        self._watching = self._publisher.declare_matching_listener(
-            Callback(on_status, indirect=False)
-        )
-
-    def _reply_latest(self, query: zenoh.Query) -> None:
-        with query:
-            if self._last:
-                query.reply(query.key_expr, self._last, encoding=self._encoding)
-
-
-_zenoh_thread = threading.local()
-
-
-def _keep_thread_state() -> None:
-    """Keeps Python's own state of the Zenoh thread that calls.
-
-    Python otherwise makes one for each callback and frees it behind it, which maps and unmaps
-    memory: more than a third of what it takes to receive a message.
-    """
-    if not hasattr(_zenoh_thread, "kept"):
-        _zenoh_thread.kept = True
-        ctypes.pythonapi.PyGILState_Ensure()
-
-
-class _Inbox:
-    """What one subscription or query has received and its handler has not yet seen."""
-
-    def __init__(self, keep: str, deliver: Callable[[Any], None], came: Callable[[], None]):
-        self.deliver = deliver
-        self.overrun = 0
-        self._depth = _DEPTH[keep]
-        self._items: deque[_Arrival] = deque()
-        self._bytes = 0
-        self._lock = threading.Lock()
-        self._came = came
-
-    def add(self, item: Any, size: int = 0) -> None:  # on a Zenoh thread
-        _keep_thread_state()
-        with self._lock:
-            self._items.append((time.monotonic_ns(), self, item, size))
-            self._bytes += size
-            while len(self._items) > self._depth or self._bytes > _MOST_WAITING:
-                self._bytes -= self._items.popleft()[-1]
-                self.overrun += 1
-        self._came()
-
-    def take(self) -> deque[_Arrival]:
-        """What is there now; what comes meanwhile is for the next turn, so a flood starves none."""
-        with self._lock:
-            items, self._items = self._items, deque()
-            self._bytes = 0
-        return items
 
 
 class Link:
@@ -263,7 +65,7 @@ class Link:
         self.rejection = ""
         self.arrived_ns = 0
         self._prefix = f"{ROOT}/{config.robot}/"
-        self._inboxes: list[_Inbox] = []
+        self._inboxes: list[Inbox] = []
         self._wake: queue.SimpleQueue[bool] = queue.SimpleQueue()  # whether by :meth:`wake`
         self._woken = False  # so that of many messages one wakes
         self._turns = threading.Lock()
@@ -295,7 +97,7 @@ class Link:
 
     def publisher(self, topic: Topic[M], **chunks: str) -> Publisher[M]:
         """A publisher on the topic's key with the named chunks filled in."""
-        return Publisher(self, topic, self._prefix + topic.key(**chunks))
+        return Publisher(self.session, topic, self._prefix + topic.key(**chunks), self.boot)
 
     def on_reader(self, publisher: Publisher[M], handler: Callable[[], None]) -> None:
         """Calls ``handler()`` from :meth:`pump` when a publisher that nobody read gets a reader."""
@@ -547,8 +349,8 @@ class Link:
 
     def _inbox(
         self, keep: str, deliver: Callable[[Any], None], came: Callable[[], None] | None = None
-    ) -> _Inbox:
-        inbox = _Inbox(keep, deliver, came or self._came)
+    ) -> Inbox:
+        inbox = Inbox(keep, deliver, came or self._came)
         self._inboxes.append(inbox)
         return inbox
 

@@ -12,9 +12,10 @@ from typing import Literal, Self
 from wackel_node.config import RobotConfig
 from wackel_node.garbage import collect_rarely
 from wackel_node.journal import Journal
-from wackel_node.link import Link, Publisher
+from wackel_node.link import Link
 from wackel_node.log import logger
 from wackel_node.notify import notify
+from wackel_node.publisher import Publisher
 from wackel_schemas.health import Heartbeat
 from wackel_schemas.inputs import Inputs
 from wackel_schemas.keys import ALIVE, INPUTS, ROOT

@@ -85,7 +85,7 @@ def _zenoh() -> Finding:
 
 
 def _rendezvous(config: RobotConfig) -> Finding:
-    from wackel_node.link import NotReached, session
+    from wackel_node.session import NotReached, session
 
     endpoint = config.zenoh.endpoint
     try:

@@ -10,7 +10,8 @@ from rich.text import Text
 
 from wackel_node.arguments import add_config, config_of
 from wackel_node.errors import FAILED, OK
-from wackel_node.link import Link, NotReached
+from wackel_node.link import Link
+from wackel_node.session import NotReached
 from wackel_schemas import keys
 from wackel_schemas.component import in_words
 from wackel_schemas.health import FaultRecord, Health, HealthRequest

@@ -9,7 +9,8 @@ import msgspec
 from wackel_node.arguments import add_config, config_of, id_list
 from wackel_node.config import BusConfig, RobotConfig
 from wackel_node.errors import FAILED, OK, USAGE, Explained
-from wackel_node.link import Link, NotReached
+from wackel_node.link import Link
+from wackel_node.session import NotReached
 from wackel_schemas import keys
 from wackel_schemas.bus import BusRequest
 

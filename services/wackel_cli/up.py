@@ -16,7 +16,8 @@ from wackel_node import log
 from wackel_node.arguments import DEFAULT
 from wackel_node.config import RobotConfig, load
 from wackel_node.errors import OK, Explained
-from wackel_node.link import Link, NotReached
+from wackel_node.link import Link
+from wackel_node.session import NotReached
 from wackel_recording.reader import open_recordings
 from wackel_schemas import keys
 from wackel_schemas.health import Health, Heartbeat

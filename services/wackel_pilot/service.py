@@ -5,9 +5,9 @@ import time
 from wackel_drive.layout import Layout, Servo
 from wackel_node.config import RobotConfig
 from wackel_node.config_drive import DriveConfig
-from wackel_node.link import NotReached
 from wackel_node.log import logger
 from wackel_node.node import Node
+from wackel_node.session import NotReached
 from wackel_pilot.control import Control
 from wackel_pilot.path import Path
 from wackel_protocols.dynamixel2.control_table import model

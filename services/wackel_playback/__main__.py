@@ -14,8 +14,9 @@ from wackel_node.arguments import DEFAULT, add_config, config_of
 from wackel_node.config import RobotConfig, parse
 from wackel_node.errors import OK, Explained
 from wackel_node.keyboard import Keyboard
-from wackel_node.link import Link, NotReached
+from wackel_node.link import Link
 from wackel_node.node import Node
+from wackel_node.session import NotReached
 from wackel_playback.pace import FASTEST, SLOWEST, Pace, timed
 from wackel_playback.service import Player, in_the_way, is_played
 from wackel_recording.reader import Entry, Recording, open_recordings

@@ -262,7 +262,8 @@ def _ask(
 ) -> int:
     import msgspec
 
-    from wackel_node.link import Link, NotReached
+    from wackel_node.link import Link
+    from wackel_node.session import NotReached
     from wackel_schemas import keys
     from wackel_schemas.virtual import VirtualRequest
     from wackel_virtual.service import in_words

@@ -14,8 +14,9 @@ import pytest
 
 from tests.conftest import Rendezvous, wait_until
 from wackel_node.config import BusConfig, RobotConfig, dump
-from wackel_node.link import Link, Publisher
+from wackel_node.link import Link
 from wackel_node.node import HEARTBEAT_S, Node
+from wackel_node.publisher import Publisher
 from wackel_schemas import keys
 from wackel_schemas.fault import Evidence, FaultReport
 from wackel_schemas.fault_codes import FAULT_CODES, message

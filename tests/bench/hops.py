@@ -18,8 +18,8 @@ from zenoh.handlers import Callback
 from tests.conftest import wait_until
 from tests.robot import process
 from wackel_node.config import RobotConfig, load
-from wackel_node.link import session
 from wackel_node.precedence import DIAGNOSIS, come_first
+from wackel_node.session import session
 
 _RELAYS = 2  # classifier, aggregator
 _BYTES = 900  # a transaction of 20 servos; a fault report is a third longer

@@ -4,7 +4,8 @@ import sys
 from pathlib import Path
 
 from wackel_node.config import load
-from wackel_node.link import Link, session
+from wackel_node.link import Link
+from wackel_node.session import session
 from wackel_schemas import keys
 
 

@@ -10,7 +10,7 @@ from tests import robot
 from tests.conftest import wait_until
 from wackel_cli.servo import main
 from wackel_node.errors import Explained
-from wackel_node.link import NotReached
+from wackel_node.session import NotReached
 
 pytestmark = pytest.mark.process
 

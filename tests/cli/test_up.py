@@ -29,7 +29,8 @@ from wackel_cli.supervisor import (
 from wackel_cli.up import is_news, rendezvous, robot_jobs
 from wackel_node.config import BusConfig, RecorderConfig, RobotConfig, ZenohConfig, dump
 from wackel_node.config_drive import GyroConfig
-from wackel_node.link import Link, NotReached, session
+from wackel_node.link import Link
+from wackel_node.session import NotReached, session
 from wackel_schemas import keys
 from wackel_schemas.health import Heartbeat
 

@@ -13,7 +13,7 @@ from tests.conftest import wait_until
 from tests.end_to_end.command import LIMIT_S, read_until, started
 from tests.robot import Robot
 from wackel_node.config import RobotConfig
-from wackel_node.link import session
+from wackel_node.session import session
 
 pytestmark = pytest.mark.process
 

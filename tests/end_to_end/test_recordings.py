@@ -13,7 +13,8 @@ from tests.conftest import free_port, wait_until
 from tests.end_to_end.command import LIMIT_S, read_until, started, wackel
 from tests.robot import Robot
 from wackel_node.config import RecorderConfig, RobotConfig, ZenohConfig, load
-from wackel_node.link import Link, session
+from wackel_node.link import Link
+from wackel_node.session import session
 from wackel_schemas import keys
 from wackel_schemas.health import Health
 

@@ -14,8 +14,9 @@ import zenoh
 
 from tests.conftest import Rendezvous, wait_until
 from wackel_node.config import RobotConfig, dump
-from wackel_node.link import Link, session
+from wackel_node.link import Link
 from wackel_node.node import HEARTBEAT_S
+from wackel_node.session import session
 from wackel_schemas import keys, wire
 from wackel_schemas.bus import BusCommand
 from wackel_schemas.health import Health, HealthRequest, Heartbeat
