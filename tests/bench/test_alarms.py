@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.bench.alarms import Driven, Job, keep, known
+from tests.bench.alarms import Driven, Job, fingerprint, keep, known
 
 
 def test_what_is_kept_is_known_again(tmp_path: Path) -> None:
@@ -31,3 +31,15 @@ def test_a_damaged_record_is_said_to_be_one(tmp_path: Path, record: str) -> None
     path.write_bytes(record.encode("latin-1"))
     with pytest.raises(SystemExit, match="damaged"):
         known(path, "now")
+
+
+def test_only_what_robots_are_driven_with_makes_hours_void(tmp_path: Path) -> None:
+    core, shell, test = (tmp_path / name for name in ("core.py", "service.py", "test_core.py"))
+    core.write_text("limit = 1\n")
+    before = fingerprint([tmp_path])
+    core.write_text("limit = 1  # why\n")
+    shell.write_text("limit = 2\n")
+    test.write_text("limit = 3\n")
+    assert fingerprint([tmp_path]) == before
+    core.write_text("limit = 4\n")
+    assert fingerprint([tmp_path]) != before
