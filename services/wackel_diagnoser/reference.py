@@ -29,6 +29,9 @@ FRESH_NS = 500_000_000
 MEMORY_S = 10.0
 """In which the lag is learnt."""
 CHOOSE_S = 0.5
+CLEARER = 0.7
+"""Of the squares that the present lag misses, what another must miss at most: after a rest a single
+start decides, in which drives wait for their steering. Lags that miss alike will do alike."""
 FASTEST = 20.0
 """m/s and rad/s; no robot on servos does more, and nothing larger is a command."""
 _MOST_WAITING = 64
@@ -260,6 +263,14 @@ class Reference:
             if rates[0] > self._steering_rate < rates[1] and min(rates) <= FASTEST:
                 self._steering_rate = min(rates)
 
+    def _followed(self) -> list[int]:
+        """Lags of steering and rolling: others than now only where they are clearly followed."""
+        best = self._misses.argmin(axis=1).tolist()
+        return [
+            lag if misses[lag] < CLEARER * misses[now] else now
+            for lag, now, misses in zip(best, self._chosen, self._misses.tolist(), strict=True)
+        ]
+
     def _choose(self, steering: int, rolling: int) -> None:
         """Takes lags as those of the drive."""
         rolls, width = len(self._rolls), len(self._goal)
@@ -286,4 +297,4 @@ class Reference:
         self._since_choice += learnt_s
         if self._since_choice >= CHOOSE_S:
             self._since_choice = 0.0
-            self._choose(*self._misses.argmin(axis=1).tolist())
+            self._choose(*self._followed())

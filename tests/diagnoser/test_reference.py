@@ -1,0 +1,67 @@
+"""How quickly drives follow, learnt from how they do."""
+
+import math
+
+import numpy as np
+import pytest
+
+from tests.odometry.simulation import steered_drive
+from wackel_diagnoser.reference import Reference
+from wackel_drive.alignment import Step
+from wackel_drive.layout import Layout
+from wackel_schemas.drive import TwistCommand
+
+STEP_S = 0.01
+N = 3
+
+
+class Straight:
+    """A robot that drives ahead, whose wheels follow what they are told with a lag."""
+
+    def __init__(self) -> None:
+        config = steered_drive(N)
+        layout = Layout(config)
+        self.reference = Reference(layout, config)
+        self._radius = float(layout.drive.roll_radius[0])
+        self._speed = 0.0
+        self._now_ns = 1_000_000_000
+
+    def drive(self, speed: float, seconds: float, lag_s: float) -> None:
+        """Drives at a speed, m/s, for a while."""
+        for _ in range(round(seconds / STEP_S)):
+            begin, self._now_ns = self._now_ns, self._now_ns + round(STEP_S * 1e9)
+            missing = speed - self._speed
+            moved = -missing * math.expm1(-STEP_S / lag_s)
+            mean = speed - lag_s / STEP_S * moved
+            self._speed += moved
+            rate = np.full(N, mean / self._radius)
+            self.reference.command(TwistCommand(stamp=begin, vx=speed, vy=0.0, omega=0.0))
+            step = Step(begin, self._now_ns, np.zeros(N), np.zeros(N), rate, np.zeros(1))
+            self.reference.step(step, STEP_S)
+
+    def shuttle(self, seconds: float, lag_s: float) -> None:
+        """Drives to and fro."""
+        for turn in range(round(seconds / 0.5)):
+            self.drive(0.3 * (-1) ** turn, 0.5, lag_s)
+
+
+@pytest.mark.parametrize("lag_s", [0.015, 0.05, 0.12])
+def test_the_lag_of_a_drive_is_learnt(lag_s: float) -> None:
+    robot = Straight()
+    robot.shuttle(5.0, lag_s)
+    assert robot.reference.lags_s[1] == lag_s
+
+
+def test_one_start_after_a_rest_makes_no_drive_late() -> None:
+    robot = Straight()
+    robot.shuttle(5.0, 0.05)
+    robot.drive(0.0, 60.0, 0.05)
+    robot.drive(0.3, 1.0, 0.066)
+    assert robot.reference.lags_s[1] == 0.05
+
+
+def test_a_drive_that_became_slower_is_followed() -> None:
+    robot = Straight()
+    robot.shuttle(5.0, 0.05)
+    robot.shuttle(15.0, 0.12)
+    assert robot.reference.lags_s[1] == 0.12
