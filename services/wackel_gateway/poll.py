@@ -5,6 +5,7 @@ from time import monotonic_ns
 from wackel_gateway.commands import Refused, writes
 from wackel_gateway.exchange import Exchange
 from wackel_gateway.gyro import BusGyro
+from wackel_gateway.job import Job, Stage
 from wackel_gateway.management import Management
 from wackel_gateway.outbox import Outbox
 from wackel_gateway.outcome import Outcome
@@ -14,7 +15,7 @@ from wackel_gateway.processor_wait import ProcessorWait
 from wackel_gateway.reporter import Reporter
 from wackel_gateway.retry import keep_open
 from wackel_gateway.roster import Member
-from wackel_gateway.schedule import Job, Schedule, Stage
+from wackel_gateway.schedule import Schedule
 from wackel_node.config import BusConfig
 from wackel_node.log import logger
 from wackel_node.node import Node

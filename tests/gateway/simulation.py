@@ -2,10 +2,11 @@
 
 from collections.abc import Iterator
 
+from wackel_gateway.job import Job
 from wackel_gateway.outcome import Outcome
 from wackel_gateway.patience import Patience
 from wackel_gateway.roster import Roster
-from wackel_gateway.schedule import Job, Schedule
+from wackel_gateway.schedule import Schedule
 from wackel_node.config import BusConfig
 from wackel_protocols.dynamixel2.answers import reader
 from wackel_virtual.bus import VirtualBus

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from wackel_gateway.commands import Refused
 from wackel_gateway.gyro import BusGyro
+from wackel_gateway.job import Job, Stage
 from wackel_gateway.roster import Block, Roster
-from wackel_gateway.schedule import Job, Schedule, Stage
+from wackel_gateway.schedule import Schedule
 from wackel_node.config import ServoConfig
 from wackel_node.config_drive import GyroConfig, GyroRegister
 from wackel_protocols.dynamixel2.answers import reader

@@ -7,9 +7,10 @@ from random import Random
 import pytest
 
 from tests.gateway.simulation import Simulation
+from wackel_gateway.job import Job, Stage
 from wackel_gateway.outcome import Outcome
 from wackel_gateway.roster import Roster
-from wackel_gateway.schedule import Job, Schedule, Stage
+from wackel_gateway.schedule import Schedule
 from wackel_node.config import BusConfig, ServoConfig
 from wackel_protocols.dynamixel2 import packet
 from wackel_protocols.dynamixel2.answers import reader
