@@ -12,6 +12,7 @@ from wackel_classifier.duplicates import Duplicates
 from wackel_classifier.explanations import explain
 from wackel_classifier.findings import Book, Finding
 from wackel_classifier.frozen import Frozen
+from wackel_classifier.host_lag import LATE_NS, SPOILS_NS
 from wackel_classifier.jammers import Jammers
 from wackel_classifier.loose_contact import Event, Mark
 from wackel_classifier.losses import Losses
@@ -20,7 +21,7 @@ from wackel_classifier.requests import Field, Request, Requests
 from wackel_classifier.strangers import Strangers
 from wackel_classifier.supply import Supply
 from wackel_classifier.symptoms import BITS_PER_BYTE, Outcome, Sign, Symptoms, examine
-from wackel_classifier.timing import HOST_LATE_NS, HOST_SPOILS_NS, Timing
+from wackel_classifier.timing import Timing
 from wackel_node.config import BusConfig, ClassifierConfig
 from wackel_protocols.dynamixel2.answers import Answers, Status
 from wackel_protocols.dynamixel2.packet import (
@@ -110,7 +111,7 @@ class BusClassifier:
         if request is None:
             request = self._new_request(instruction, transaction.expected)
         data = transaction.received()
-        self._timing.waits += request.many
+        self._timing.host.waits += request.many
         quiet = True
         if data or transaction.expected:
             answers = request.reader.read(data)
@@ -130,9 +131,9 @@ class BusClassifier:
                 quiet = not self._look(transaction, request, answers, data)
         elif self._goals_due and instruction[PREFIX_BYTES : PREFIX_BYTES + 1] == _SYNC_WRITE:
             self._goals_due = not self._frozen.command(instruction)
-        if transaction.host_lag_ns >= HOST_SPOILS_NS:
-            self._timing.host_lag(transaction.host_lag_ns, self._now_ns, stamp)
-            quiet = quiet and transaction.host_lag_ns < HOST_LATE_NS
+        if transaction.host_lag_ns >= SPOILS_NS:
+            self._timing.host.overslept(transaction.host_lag_ns, self._now_ns, stamp)
+            quiet = quiet and transaction.host_lag_ns < LATE_NS
         if self._now_ns >= self._slot_end_ns:
             self._end_slot()
         elif quiet and self._now_ns < self._conclude_ns:
@@ -345,7 +346,7 @@ class BusClassifier:
         stamp, now_ns = transaction.stamp, self._now_ns
         times = transaction.response_times
         single = request.single
-        on_time = transaction.host_lag_ns < HOST_SPOILS_NS
+        on_time = transaction.host_lag_ns < SPOILS_NS
         if single is not None and times and answers.clean and on_time:
             size = STATUS_BYTES + len(answers.statuses[0].parameters)
             self._timing.response(single, times[-1].ns, size, transaction.baud_rate, now_ns, stamp)

@@ -32,7 +32,7 @@ class Bus:
 
     def ask(self, position: int, delay_us: float) -> None:
         self.now_ns += 20 * MS
-        self.timing.waits += 1
+        self.timing.host.waits += 1
         response_ns = round(delay_us * US) + BYTES * 10 * US
         stamp = STAMP + self.now_ns
         self.timing.response(position, response_ns, BYTES, BAUD_RATE, self.now_ns, stamp)
@@ -82,7 +82,7 @@ def test_late_answers_in_a_burst_of_the_host_convict_nobody() -> None:
     for _ in range(50):
         bus.run(200, bus.quiet)
         for place in range(SERVOS):
-            bus.timing.host_lag(MS, bus.now_ns, STAMP)  # seen by the reads of the cycle
+            bus.timing.host.overslept(MS, bus.now_ns, STAMP)  # seen by the reads of the cycle
             bus.ask(place, bus.random.uniform(300, 5000))
         assert bus.told == []
         # All of them at one servo, as when it is asked again and again.
@@ -126,7 +126,7 @@ def test_from_the_start_a_host_that_oversleeps_in_half_of_its_waits_convicts_no_
 
         def starved(_: int, bus: Bus = bus) -> float:
             if bus.random.random() < 0.5:
-                bus.timing.host_lag(2 * MS, bus.now_ns, STAMP + bus.now_ns)
+                bus.timing.host.overslept(2 * MS, bus.now_ns, STAMP + bus.now_ns)
             return bus.random.uniform(1300, 12_000)
 
         bus.run(1000, starved)
@@ -138,7 +138,7 @@ def test_a_host_that_oversleeps_all_the_time_leaves_the_adapter_as_it_was() -> N
     bus.run(200, bus.quiet)
 
     def starved(_: int) -> float:
-        bus.timing.host_lag(MS, bus.now_ns, STAMP + bus.now_ns)
+        bus.timing.host.overslept(MS, bus.now_ns, STAMP + bus.now_ns)
         return bus.random.uniform(500, 5000)
 
     bus.run(3000, starved)
@@ -192,7 +192,7 @@ def test_any_times_are_judged(servos: int, answers: list[tuple[int, int]]) -> No
         position = place % servos
         timing.response(position, response_ns, BYTES, 0, turn * MS, turn)
         timing.late_answer(position, turn * MS, turn)
-        timing.host_lag(abs(response_ns), turn * MS, turn)
+        timing.host.overslept(abs(response_ns), turn * MS, turn)
         timing.register(position, place, turn)
         timing.tick()
         for finding in timing.findings(turn * MS, turn):

@@ -1,0 +1,92 @@
+"""A late host: how much of what is late is its doing, and when it is a fault of its own."""
+
+from collections import deque
+
+from wackel_classifier.findings import Finding
+from wackel_classifier.latency_timer import HELD_MOST_NS
+from wackel_protocols.dynamixel2.expectation import SLOWEST_NS
+from wackel_schemas import component
+
+BUSY_LAG_NS = SLOWEST_NS // 2
+WAITS = 100
+WAITS_START = 10
+BUSY_START = 0.05
+"""What makes an answer later than any servo needs. How often the host does is told by the share of
+the reads of many in which it overslept by so much, and by the share of the single answers that come
+later than any adapter holds them: both over so many, from a cautious start."""
+LATE_NS = 5_000_000
+"""Oversleeping that costs a whole cycle at 200 Hz."""
+LATE_TIMES = 3
+WINDOW_NS = 10_000_000_000
+SPOILS_NS = 200_000
+"""Response times measured by a host that was late by so much say nothing about the servo."""
+
+
+class _Share:
+    """How often something happens, of late."""
+
+    def __init__(self) -> None:
+        self.value = BUSY_START
+        self._memory = WAITS_START
+
+    def happened(self) -> None:
+        """Once."""
+        self.value += 1.0 / self._memory
+
+    def had_chances(self, count: int) -> None:
+        """It could have happened so often."""
+        self.value *= (1.0 - 1.0 / self._memory) ** count
+        self._memory = min(self._memory + count, WAITS)
+
+
+class HostLag:
+    """Follows it on one bus.
+
+    Args:
+        bus: Its name.
+
+    Attributes:
+        waits: Reads of many servos, in which the host's own lateness shows, since the last of one;
+            counted by the owner.
+    """
+
+    def __init__(self, bus: str) -> None:
+        self._bus = bus
+        self.waits = 0
+        self._overslept = _Share()
+        self._beyond = _Share()
+        self._late: deque[tuple[int, int, int]] = deque(maxlen=LATE_TIMES)  # time, lag, stamp
+
+    def overslept(self, lag_ns: int, now_ns: int, stamp: int) -> None:
+        """The host was late by so much, at least :data:`SPOILS_NS`."""
+        if lag_ns >= BUSY_LAG_NS:
+            self._overslept.happened()
+        if lag_ns >= LATE_NS:
+            self._late.append((now_ns, lag_ns, stamp))
+
+    def busy(self, delay_ns: int) -> float:
+        """A single answer came after so long; the share of them that the host makes late."""
+        self._overslept.had_chances(self.waits)
+        self.waits = 0
+        self._beyond.had_chances(1)
+        if delay_ns > HELD_MOST_NS:
+            self._beyond.happened()
+        return max(self._overslept.value, self._beyond.value)
+
+    def finding(self, now_ns: int) -> Finding | None:
+        """Whether it is late so often that control suffers."""
+        late = self._late
+        while late and now_ns - late[0][0] > WINDOW_NS:
+            late.popleft()
+        if len(late) < LATE_TIMES:
+            return None
+        longest_ms = max(lag for _, lag, _ in late) / 1e6
+        return Finding(
+            "host_lag",
+            component.bus(self._bus),
+            0.95,
+            late[0][2],
+            f"the host overslept by up to {longest_ms:.1f} ms, {len(late)} times within "
+            f"{WINDOW_NS / 1e9:.0f} s",
+            {"longest_ms": round(longest_ms, 2)},
+        )
