@@ -37,6 +37,8 @@ from wackel_schemas.fault import FaultReport
 
 LONGEST_PAUSE_NS = 10_000_000_000
 """A longer pause, or a step of the clock, counts as so much: windows survive both."""
+UNWATCHED_NS = 1_000_000_000
+"""In so long a pause the adapter may have been connected with another chain."""
 JAMMED_LOSS = 0.6
 JAMMED_SINGLE_LOSS = 0.1
 """Share of answers that a permanent jammer destroys of reads of many and of single ones (thesis,
@@ -104,7 +106,10 @@ class BusClassifier:
         """
         stamp = transaction.stamp
         if self._stamp is not None:
-            self._now_ns += min(max(stamp - self._stamp, 0), LONGEST_PAUSE_NS)
+            pause_ns = min(max(stamp - self._stamp, 0), LONGEST_PAUSE_NS)
+            self._now_ns += pause_ns
+            if pause_ns >= UNWATCHED_NS:
+                self._timing.unwatched()
         self._stamp = stamp
         instruction = transaction.instruction
         request = self._requests.find(instruction, transaction.expected)

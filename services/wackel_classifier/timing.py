@@ -40,6 +40,8 @@ SCATTER = 8.0
 PEERS = 9
 """The latest answers on time of all servos, whose median a servo's drift is compared with: the
 host's own changes befall all of them alike."""
+LEAST_VOTES = 3
+"""Registers that must be known to tell what they should hold, where nobody has configured it."""
 REGISTER_UNIT_NS = 2_000
 """Of Return Delay Time (e-manual)."""
 
@@ -48,7 +50,8 @@ REGISTER_UNIT_NS = 2_000
 class _Servo:
     """Attributes: ``delays`` the latest; ``late`` answers in a row that came late although another
     servo's just before had not, less those where it had, since ``late_since``; ``on_time`` answers
-    in a row after these; ``register`` Return Delay Time, since ``register_since``;
+    in a row after these; ``register`` Return Delay Time, since ``register_since``, ``fresh`` while
+    it must still be that; ``expected`` what it should hold instead;
     ``after_time_out`` answers that came when nobody listened, the last at ``after_time_out_ns``.
     """
 
@@ -58,6 +61,8 @@ class _Servo:
     on_time: int = 0
     register: int | None = None
     register_since: int = 0
+    fresh: bool = False
+    expected: int | None = None
     after_time_out: int = 0
     after_time_out_ns: int = -LATE_ANSWER_NS
     drift: Drift = field(default_factory=Drift)
@@ -161,13 +166,20 @@ class Timing:
     def register(self, position: int, value: int, stamp: int) -> None:
         """Return Delay Time was read."""
         servo = self._servos[position]
+        servo.fresh = True
         if servo.register != value:
             servo.register = value
             servo.register_since = stamp
+            servo.expected = None
             # What was measured with another delay tells nothing about this one.
             servo.clear()
             servo.delays.clear()
             servo.drift = Drift()
+
+    def unwatched(self) -> None:
+        """Nothing was heard for so long that servos may have been exchanged, or set otherwise."""
+        for servo in self._servos:
+            servo.fresh = False
 
     def gone(self, position: int) -> None:
         """A servo is out of reach."""
@@ -263,14 +275,11 @@ class Timing:
         )
 
     def _wrong_registers(self) -> list[Finding]:
-        right = self._configured
-        if right is None:
-            known = [servo.register for servo in self._servos if servo.register is not None]
-            if len(known) < 3:
-                return []
-            right, votes = Counter(known).most_common(1)[0]
-            if votes * 3 < len(known) * 2:
-                return []
+        fresh = [servo for servo in self._servos if servo.fresh]
+        if self._configured is not None or len(fresh) >= LEAST_VOTES:
+            right = self._right_register([servo.register for servo in fresh])
+            for servo in fresh:
+                servo.expected = right if servo.register != right else None
         return [
             Finding(
                 "return_delay",
@@ -278,12 +287,19 @@ class Timing:
                 0.99,
                 servo.register_since,
                 f"register Return Delay Time holds {servo.register} ({2 * servo.register} µs), "
-                f"it should hold {right} ({2 * right} µs)",
-                {"return_delay_register": servo.register, "expected_register": right},
+                f"it should hold {servo.expected} ({2 * servo.expected} µs)",
+                {"return_delay_register": servo.register, "expected_register": servo.expected},
             )
             for position, servo in enumerate(self._servos)
-            if servo.register is not None and servo.register != right
+            if servo.register is not None and servo.expected is not None
         ]
+
+    def _right_register(self, known: list[int | None]) -> int | None:
+        """What registers should hold: as configured, or as most do; ``None`` if neither is so."""
+        if self._configured is not None:
+            return self._configured
+        right, votes = Counter(known).most_common(1)[0]
+        return right if votes * 3 >= len(known) * 2 else None
 
 
 def _row(share: float) -> int:

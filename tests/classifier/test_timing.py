@@ -181,6 +181,49 @@ def test_chance_alone_is_no_drift() -> None:
         assert bus.told == []
 
 
+def wrong(timing: Timing) -> list[str]:
+    found = [f for f in timing.findings(0, STAMP) if f.code == "return_delay"]
+    return [finding.component.removeprefix("bus/main/") for finding in found]
+
+
+def set_registers(timing: Timing, *values: int) -> None:
+    for position, value in enumerate(values):
+        timing.register(position, value, STAMP)
+
+
+def test_the_register_that_differs_from_most_is_wrong() -> None:
+    timing = Timing(Chain("main", chain(SERVOS)), None)
+    set_registers(timing, 250, 250)
+    assert wrong(timing) == []  # two say nothing of what is right
+    set_registers(timing, 250, 250, 0, 250)
+    assert wrong(timing) == ["servo/3"]
+    set_registers(timing, 250, 250, 0, 250, 0, 0)
+    assert wrong(timing) == []  # nobody knows what is right
+    set_registers(timing, 250, 250, 250, 250, 0, 250)
+    assert wrong(timing) == ["servo/5"]
+
+
+def test_an_exchanged_chain_is_not_held_against_the_old_one() -> None:
+    timing = Timing(Chain("main", chain(SERVOS)), None)
+    set_registers(timing, *[0] * SERVOS)
+    timing.unwatched()
+    for position in range(SERVOS):
+        timing.register(position, 250, STAMP)
+        assert wrong(timing) == []
+
+
+def test_a_wrong_register_is_told_on_while_nothing_is_read() -> None:
+    timing = Timing(Chain("main", chain(SERVOS)), None)
+    set_registers(timing, 250, 250, 0, 250, 250, 250)
+    assert wrong(timing) == ["servo/3"]
+    timing.unwatched()
+    assert wrong(timing) == ["servo/3"]
+    set_registers(timing, 250, 250, 0, 250)
+    assert wrong(timing) == ["servo/3"]
+    timing.register(2, 250, STAMP)
+    assert wrong(timing) == []
+
+
 @settings(max_examples=60, deadline=None)
 @given(
     st.integers(1, 4),
