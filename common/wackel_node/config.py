@@ -125,7 +125,8 @@ class ZenohConfig(Section, kw_only=True, frozen=True):
     """How the processes meet.
 
     Attributes:
-        endpoint: The rendezvous on the robot, at which ``wackel up`` or zenohd listens.
+        endpoint: The rendezvous on the robot, at which ``wackel up`` or zenohd listens. A virtual
+            robot itself listens 10000 ports further on, on this computer only.
         lease_ms: After this time without a sign, a peer counts as gone.
     """
 

@@ -55,7 +55,9 @@ class Link:
         arrived_ns: When Zenoh had the message that is being handled, or was last; monotonic.
     """
 
-    def __init__(self, config: RobotConfig, role: Role = "client") -> None:
+    def __init__(
+        self, config: RobotConfig, role: Role = "client", also_at: str | None = None
+    ) -> None:
         self.config = config
         self.clock = Clock()
         self.boot = random.getrandbits(32)
@@ -77,7 +79,7 @@ class Link:
         self._warned: dict[str, float] = {}
         self._timers: list[list[Any]] = []  # [due, period or None for once, handler]
         self._due = math.inf  # when the first of them is
-        self.session = session(config, role)
+        self.session = session(config, role, also_at)
 
     def __enter__(self) -> Self:
         return self

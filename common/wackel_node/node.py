@@ -35,10 +35,17 @@ class Node(Link):
     Everyone sees it by its liveliness token (process there), its heartbeat (main loop turns) and
     the state in the heartbeat. SIGINT and SIGTERM end :meth:`run`; leaving the ``with`` block by
     an exception publishes it as the reason of a crash.
+
+    Args:
+        service, instance: Its name.
+        config: The robot's.
+        also_at: An endpoint at which it is reached without a rendezvous, unless that is taken.
     """
 
-    def __init__(self, service: str, instance: str, config: RobotConfig) -> None:
-        super().__init__(config, "peer")
+    def __init__(
+        self, service: str, instance: str, config: RobotConfig, also_at: str | None = None
+    ) -> None:
+        super().__init__(config, "peer", also_at)
         self.name = f"{service}/{instance}"
         self.stopping = False
         self._opened_s = time.monotonic()

@@ -26,7 +26,7 @@ class NotReached(Explained, ConnectionError):
     exit_code = NOT_REACHED
 
 
-def session(config: RobotConfig, role: Role) -> zenoh.Session:
+def session(config: RobotConfig, role: Role, also_at: str | None = None) -> zenoh.Session:
     """Opens a Zenoh session with explicit endpoints and without multicast.
 
     Args:
@@ -34,6 +34,7 @@ def session(config: RobotConfig, role: Role) -> zenoh.Session:
         role: ``router`` is the rendezvous itself; a ``peer`` (service) links directly to the
             others, comes up without a rendezvous and keeps looking for it; a ``client`` (tool)
             talks through the rendezvous and fails without one.
+        also_at: An endpoint at which a peer listens besides, unless that is taken.
 
     Raises:
         NotReached: The rendezvous is absent (client), or its address is taken (router).
@@ -43,7 +44,7 @@ def session(config: RobotConfig, role: Role) -> zenoh.Session:
     listen = {"router": [endpoint], "peer": ["tcp/127.0.0.1:0"], "client": []}[role]
     settings: dict[str, Any] = {
         "mode": role,
-        "listen/endpoints": listen,
+        "listen/endpoints": listen if also_at is None else [*listen, also_at],
         "connect/endpoints": [] if role == "router" else [endpoint],
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": True,
@@ -57,6 +58,8 @@ def session(config: RobotConfig, role: Role) -> zenoh.Session:
         "transport/link/tx/queue/size/data": 16,
         "transport/link/rx/max_message_size": _MOST_REASSEMBLED,
     }
+    if also_at is not None:
+        settings["listen/exit_on_failure"] = False
     if role == "peer":
         settings["connect/timeout_ms"] = -1
         settings["connect/exit_on_failure"] = False

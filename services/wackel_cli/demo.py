@@ -143,7 +143,7 @@ def main(argv: list[str]) -> int:
             write_layout(layout)
         with (
             (Path(directory) / "services.log").open("w", encoding="utf-8") as services_log,
-            rendezvous(config) as link,
+            rendezvous(config, jobs) as link,
             stopped_by_signals(link) as stopped,
         ):
             log.set_up("demo")

@@ -105,7 +105,7 @@ def _experiment(directory: Path) -> "PaperLog | None":
     heard = PaperLog(config.drive)
     with (
         (directory / "services.log").open("w", encoding="utf-8") as services_log,
-        rendezvous(config) as link,
+        rendezvous(config, jobs) as link,
         stopped_by_signals(link) as stopped,
         supervised(link, jobs, _note, services_log) as supervisor,
         Progress(console=Console(stderr=True), transient=True) as progress,

@@ -69,14 +69,14 @@ def main(argv: list[str]) -> int:
     if arguments.play is not None:
         open_recordings([arguments.play])  # says what is wrong with it before anything starts
     show = show_json if arguments.json else show_text
-    with rendezvous(config, arguments.external_rendezvous) as link:
-        jobs = robot_jobs(
-            config,
-            arguments.config,
-            virtual=arguments.virtual,
-            record=arguments.record,
-            recording=arguments.play,
-        )
+    jobs = robot_jobs(
+        config,
+        arguments.config,
+        virtual=arguments.virtual,
+        record=arguments.record,
+        recording=arguments.play,
+    )
+    with rendezvous(config, jobs, external=arguments.external_rendezvous) as link:
         run(link, jobs, show)
     return OK
 
@@ -140,12 +140,20 @@ def robot_jobs(
 
 
 @contextmanager
-def rendezvous(config: RobotConfig, external: bool = False) -> Iterator[Link]:
+def rendezvous(
+    config: RobotConfig, jobs: Iterable[Job], *, external: bool = False
+) -> Iterator[Link]:
     """A link that is the robot's rendezvous, or uses the one that listens already.
+
+    Args:
+        config: The robot's.
+        jobs: What is to meet there. What else is there already, such as a virtual robot or a
+            recorder, joins.
+        external: Do not listen there.
 
     Raises:
         NotReached: The address is taken by something else, or nothing is at an external one.
-        AlreadyRunning: The robot's services are at the one that listens already.
+        AlreadyRunning: A service that is to run is there already.
     """
     with _linked(config, external) as link:
         alive: set[str] = set()
@@ -153,8 +161,9 @@ def rendezvous(config: RobotConfig, external: bool = False) -> Iterator[Link]:
         limit = time.monotonic() + _TOKENS_S
         while time.monotonic() < limit:
             link.pump(limit - time.monotonic())
-        if alive:
-            names = ", ".join(sorted(alive))
+        twice = alive & {job.name for job in jobs}
+        if twice:
+            names = ", ".join(sorted(twice))
             raise AlreadyRunning(f"robot {config.robot} is up already ({names}); stop it first")
         yield link
 

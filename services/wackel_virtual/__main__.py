@@ -11,6 +11,8 @@ from wackel_node.arguments import add_config, config_of
 from wackel_node.errors import FAILED, OK, USAGE, Explained
 
 if TYPE_CHECKING:
+    from wackel_node.config import RobotConfig
+    from wackel_node.link import Link
     from wackel_schemas.virtual import Injection
     from wackel_virtual.faults import Kind
 
@@ -262,14 +264,13 @@ def _ask(
 ) -> int:
     import msgspec
 
-    from wackel_node.link import Link
     from wackel_node.session import NotReached
     from wackel_schemas import keys
     from wackel_schemas.virtual import VirtualRequest
     from wackel_virtual.service import in_words
 
     request = VirtualRequest(operation=operation, injection=injection)
-    with Link(config_of(arguments)) as link:
+    with _link(config_of(arguments)) as link:
         try:
             reply = link.ask(keys.VIRTUAL_REQUEST, request)
         except TimeoutError as error:
@@ -281,6 +282,30 @@ def _ask(
         for fault in reply.active if operation == "list" else ():
             print(f"  {in_words(fault)}")
     return OK if reply.ok else FAILED
+
+
+def _link(config: "RobotConfig") -> "Link":
+    """To the robot's rendezvous, or, where there is none, to the virtual robot itself."""
+    import msgspec
+
+    from wackel_node.link import Link
+    from wackel_node.session import NotReached
+    from wackel_virtual.service import own_endpoint
+
+    try:
+        return Link(config)
+    except NotReached as error:
+        endpoint = own_endpoint(config)
+        if endpoint is None:
+            raise
+        zenoh = msgspec.structs.replace(config.zenoh, endpoint=endpoint)
+        try:
+            return Link(msgspec.structs.replace(config, zenoh=zenoh))
+        except NotReached:
+            raise NotReached(
+                f"no virtual robot at {endpoint} and no `wackel up` at {config.zenoh.endpoint}: "
+                "start it with `wackel virtual`"
+            ) from error
 
 
 if __name__ == "__main__":

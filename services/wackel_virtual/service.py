@@ -23,6 +23,10 @@ from wackel_virtual.scenario import Scenario, bus_of
 if TYPE_CHECKING:
     from wackel_virtual.coupled_drive import CoupledDrive, Sample
 
+_PORTS_ON = 10_000
+"""Not the next port, which is another robot's."""
+_LAST_PORT = 65_535
+
 
 def run(scenario: Scenario) -> None:
     """Runs the virtual robot, and answers requests over Zenoh, until a signal ends it.
@@ -32,7 +36,7 @@ def run(scenario: Scenario) -> None:
         ImportError: MuJoCo is wanted and not installed.
     """
     config = scenario.config
-    with Node("virtual", "main", config) as node:
+    with Node("virtual", "main", config, own_endpoint(config)) as node:
         gyros = {
             name: node.publisher(keys.IMU, name=name)
             for name, gyro in config.gyros.items()
@@ -58,6 +62,16 @@ def run(scenario: Scenario) -> None:
             node.serve(keys.VIRTUAL_REQUEST, on_request)
             node.ready()
             node.run()
+
+
+def own_endpoint(config: RobotConfig) -> str | None:
+    """Where the virtual robot of a configuration is reached while no rendezvous is there: on this
+    computer, at a port that follows from the rendezvous'; ``None`` if that has none."""
+    protocol, _, address = config.zenoh.endpoint.partition("/")
+    port = address.rpartition(":")[2]
+    if protocol != "tcp" or not port.isdecimal() or int(port) + _PORTS_ON > _LAST_PORT:
+        return None
+    return f"tcp/127.0.0.1:{int(port) + _PORTS_ON}"
 
 
 def run_alone(scenario: Scenario) -> None:

@@ -90,7 +90,7 @@ def test_an_address_that_cannot_be_listened_at_is_told_as_such() -> None:
         taken.bind(("127.0.0.1", 0))  # and never listens
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
         config = RobotConfig(zenoh=ZenohConfig(endpoint=endpoint))
-        with pytest.raises(NotReached, match="cannot listen at"), rendezvous(config):
+        with pytest.raises(NotReached, match="cannot listen at"), rendezvous(config, []):
             pass
 
 
@@ -307,6 +307,19 @@ def test_a_second_up_of_the_same_robot_is_refused(up: Up) -> None:
     assert second.stderr is not None
     assert "robot testbot is up already (aggregator/main" in second.stderr.read()
     assert first.poll() is None
+
+
+@pytest.mark.process
+def test_what_else_is_there_already_joins(up: Up, rendezvous: Rendezvous, path: Path) -> None:
+    options = ["--config", str(path), "-o", str(path.parent)]
+    command = [sys.executable, "-m", "wackel_recorder", *options]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as recorder:
+        assert recorder.stderr is not None
+        assert "ready" in recorder.stderr.readline()
+        process = up()
+        read_until(process, "recorder/main", "ready")
+        read_until(process, "aggregator/main", "ready")
+        recorder.terminate()
 
 
 @pytest.mark.process

@@ -14,9 +14,9 @@ import msgspec
 import pytest
 import serial
 
-from tests.conftest import Rendezvous, wait_until
+from tests.conftest import Rendezvous, free_port, wait_until
 from tests.odometry.simulation import differential_drive
-from wackel_node.config import BusConfig, ServoConfig, dump
+from wackel_node.config import BusConfig, RobotConfig, ServoConfig, ZenohConfig, dump
 from wackel_node.config_drive import GyroConfig
 from wackel_node.errors import FAILED, NOT_REACHED, OK, USAGE
 from wackel_node.link import Link
@@ -26,6 +26,7 @@ from wackel_schemas.drive import ImuSample
 from wackel_virtual.__main__ import main
 from wackel_virtual.drive_faults import DRIVE_KINDS
 from wackel_virtual.faults import KINDS
+from wackel_virtual.service import own_endpoint
 
 
 @contextmanager
@@ -107,12 +108,12 @@ def test_a_tap_is_a_second_port_that_hears_the_first(tmp_path: Path):
     assert not os.path.lexists(tap)
 
 
-@pytest.fixture
-def robot(rendezvous: Rendezvous, tmp_path: Path) -> Iterator[list[str]]:
-    """A running virtual robot; gives the arguments by which commands reach it."""
-    file = tmp_path / "robot.toml"
-    bus = f'\n[buses.arm]\nport = "{tmp_path}/arm"\nservos = [{{ id = 1 }}, {{ id = 2 }}]\n'
-    file.write_text(dump(rendezvous.config).replace("[buses]\n", "") + bus)
+@contextmanager
+def running(config: RobotConfig, directory: Path) -> Iterator[list[str]]:
+    """A virtual robot; gives the arguments by which commands reach it."""
+    file = directory / "robot.toml"
+    bus = f'\n[buses.arm]\nport = "{directory}/arm"\nservos = [{{ id = 1 }}, {{ id = 2 }}]\n'
+    file.write_text(dump(config).replace("[buses]\n", "") + bus)
     arguments = ["--config", str(file)]
     with command(*arguments) as process:
         assert process.stderr is not None
@@ -122,6 +123,12 @@ def robot(rendezvous: Rendezvous, tmp_path: Path) -> Iterator[list[str]]:
         yield arguments
         process.send_signal(signal.SIGINT)
         assert process.wait(5) == OK
+
+
+@pytest.fixture
+def robot(rendezvous: Rendezvous, tmp_path: Path) -> Iterator[list[str]]:
+    with running(rendezvous.config, tmp_path) as arguments:
+        yield arguments
 
 
 @pytest.mark.process
@@ -137,6 +144,33 @@ def test_faults_are_injected_listed_and_healed_while_it_runs(robot, capsys):
     assert (fault["kind"], fault["servo"]) == ("break", 2)
     assert main(["heal", "break", *robot]) == OK
     assert capsys.readouterr().out == "healed break at servo 2 on bus arm\n"
+
+
+@pytest.mark.process
+def test_without_a_rendezvous_it_is_reached_all_the_same(robot_config, tmp_path, capsys):
+    # Where the virtual robot listens is free; nobody listens at the rendezvous.
+    zenoh = ZenohConfig(endpoint=f"tcp/127.0.0.1:{free_port() - 10_000}")
+    config = msgspec.structs.replace(robot_config, zenoh=zenoh)
+    with running(config, tmp_path) as robot:
+        assert main(["inject", "break", "--servo", "2", *robot]) == OK
+        assert main(["list", *robot]) == OK
+    assert capsys.readouterr().out.endswith("1 fault active\n  break at servo 2 on bus arm\n")
+    with pytest.raises(ConnectionError, match="no virtual robot at"):
+        main(["list", *robot])
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "own"),
+    [
+        ("tcp/127.0.0.1:7447", "tcp/127.0.0.1:17447"),
+        ("tcp/[::]:7447", "tcp/127.0.0.1:17447"),
+        ("tcp/0.0.0.0:60000", None),
+        ("unixsock-stream//run/robot.sock", None),
+        ("quic/10.0.0.1:7447", None),
+    ],
+)
+def test_it_listens_at_a_port_that_follows_from_the_rendezvous(endpoint, own):
+    assert own_endpoint(RobotConfig(zenoh=ZenohConfig(endpoint=endpoint))) == own
 
 
 @pytest.mark.process
