@@ -11,6 +11,7 @@ import msgspec
 from wackel_node.config import RobotConfig
 from wackel_node.log import logger
 from wackel_node.node import Node
+from wackel_node.precedence import CONTROL, LOOK_S, GiveWay, come_first
 from wackel_schemas import keys
 from wackel_schemas.drive import ImuSample
 from wackel_schemas.virtual import Injection, VirtualReply, VirtualRequest
@@ -36,6 +37,7 @@ def run(scenario: Scenario) -> None:
         ImportError: MuJoCo is wanted and not installed.
     """
     config = scenario.config
+    come_first(CONTROL)  # servos answer at once, however busy the computer of their robot is
     with Node("virtual", "main", config, own_endpoint(config)) as node:
         gyros = {
             name: node.publisher(keys.IMU, name=name)
@@ -60,6 +62,7 @@ def run(scenario: Scenario) -> None:
                 return reply
 
             node.serve(keys.VIRTUAL_REQUEST, on_request)
+            node.every(LOOK_S, GiveWay())
             node.ready()
             node.run()
 
