@@ -104,7 +104,10 @@ def test_the_vendors_library_sees_no_difference_to_the_bare_port(
     assert {t.purpose for t in gateway.transactions} == {"observed"}
     reads = [t for t in gateway.transactions if t.instruction[7:8] == b"\x82"]
     assert [answer.id for answer in reads[-1].response_times] == list(IDS)
-    assert [servo.id for servo in gateway.states[-1].servos] == list(IDS)
+    everyone = list(IDS)
+    gateway.wait_until(
+        lambda: any([servo.id for servo in state.servos] == everyone for state in gateway.states)
+    )
 
 
 def test_the_baud_rate_that_the_client_sets_is_set_on_the_real_port(
