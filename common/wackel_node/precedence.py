@@ -19,7 +19,7 @@ from wackel_node.log import logger
 DIAGNOSIS = 1
 """Of what turns the bus's traffic into health."""
 CONTROL = 2
-"""Of what passes on the user's control of the servos."""
+"""Of what passes on the user's control of the servos, and of virtual servos."""
 
 MOST_SHARE = 0.5
 """Of a processor: who takes more of it gives way, until half of that is enough. Diagnosis takes a

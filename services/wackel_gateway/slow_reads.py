@@ -2,7 +2,7 @@
 
 Each has its period. At once are read: the reason when a servo raises its alert bit; all voltages
 once one of them falls; and a servo that answers at another time than it used to, for what has
-changed must be told within a second. After some answers it is usual.
+changed must be told within a second; how it goes on to answer then becomes usual.
 """
 
 from collections import deque

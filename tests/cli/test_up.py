@@ -314,12 +314,14 @@ def test_what_else_is_there_already_joins(up: Up, rendezvous: Rendezvous, path: 
     options = ["--config", str(path), "-o", str(path.parent)]
     command = [sys.executable, "-m", "wackel_recorder", *options]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as recorder:
-        assert recorder.stderr is not None
-        assert "ready" in recorder.stderr.readline()
-        process = up()
-        read_until(process, "recorder/main", "ready")
-        read_until(process, "aggregator/main", "ready")
-        recorder.terminate()
+        try:
+            assert recorder.stderr is not None
+            assert "ready" in recorder.stderr.readline()
+            process = up()
+            read_until(process, "recorder/main", "ready")
+            read_until(process, "aggregator/main", "ready")
+        finally:
+            recorder.kill()  # where a check has failed, it would be waited for in vain
 
 
 @pytest.mark.process
