@@ -64,7 +64,9 @@ class Drive:
         self.length_m = math.sqrt(sum(d * d for d in distances) / len(distances))
 
         self._scale = _frozen([1.0, 1.0, 1.0 / self.length_m])
-        self._mounted_heading = self._mounted + self.alpha - math.pi / 2
+        # Heading of a wheel by its angle β.
+        self._forward = self.alpha - math.pi / 2
+        self._mounted_heading = self._mounted + self._forward
         self._all_steer = bool(self.steers.all())
         # What each row sees of the motion along its wheel's heading, and to the left of it.
         along = np.array([0.0] * len(slide) + [1.0] * len(roll))
@@ -102,11 +104,11 @@ class Drive:
 
     def heading(self, steering: Floats) -> Floats:
         """Rolling direction from the robot's x axis, α + β − π/2, rad, shape (..., n)."""
-        return self.beta(steering) + self.alpha - math.pi / 2
+        return self.beta(steering) + self._forward
 
     def steering(self, heading: Floats) -> Floats:
         """β whose rolling direction is the heading: inverse of :meth:`heading` where it steers."""
-        return self.beta(last_axis(heading, self.n, "heading") - self.alpha + math.pi / 2)
+        return self.beta(last_axis(heading, self.n, "heading") - self._forward)
 
     def rows(self, steering: Floats) -> Floats:
         """C₁(β) above J₁(β) (eq. 5 and 6).

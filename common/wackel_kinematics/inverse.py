@@ -56,13 +56,16 @@ def inverse(
         raise ValueError(f"max_step_rad is {max_step_rad}, expected 0 or more")
     twist = last_axis(twist, 3, "twist")
     now = drive.beta(steering)
+    heading = drive.heading(now)
     velocity, moving = _contacts(drive, twist)
-    wanted = np.arctan2(velocity[..., 1], velocity[..., 0]) - drive.alpha + math.pi / 2
-    step = wanted - now
-    step = np.clip(step - math.pi * np.round(step / math.pi), -max_step_rad, max_step_rad)
-    beta = now + np.where(moving & drive.steers, step, 0.0)
+    step = np.arctan2(velocity[..., 1], velocity[..., 0]) - heading
+    step -= math.pi * np.rint(step / math.pi)
+    if max_step_rad < math.pi / 2:
+        step = np.clip(step, -max_step_rad, max_step_rad)
+    step = np.where(moving & drive.steers, step, 0.0)
+    beta = now + step
 
-    seen = dot(drive.rows(beta), twist[..., None, :])
+    seen = dot(drive.rows_along(heading + step), twist[..., None, :])
     wheel_rate, slip = np.zeros_like(beta), np.zeros_like(beta)
     slip[..., drive.slide_wheels] = seen[..., : drive.slide_count]
     wheel_rate[..., drive.roll_wheels] = seen[..., drive.slide_count :] / drive.roll_radius

@@ -8,6 +8,9 @@ import numpy as np
 
 from wackel_kinematics.array import Floats
 
+_LEFT_OF = np.array([-1.0, 1.0])
+"""By which (y, x) becomes the point a quarter turn to the left."""
+
 
 def velocity_at(twist: Floats, point: Floats) -> Floats:
     """Velocity of a point that moves with the robot: v + ω × p.
@@ -19,8 +22,7 @@ def velocity_at(twist: Floats, point: Floats) -> Floats:
     Returns:
         m/s, shape (..., 2).
     """
-    vx, vy, omega = twist[..., 0], twist[..., 1], twist[..., 2]
-    return np.stack([vx - omega * point[..., 1], vy + omega * point[..., 0]], axis=-1)
+    return np.asarray(twist[..., :2] + twist[..., 2:] * (point[..., ::-1] * _LEFT_OF))
 
 
 def instantaneous_centre(twist: Floats) -> Floats:

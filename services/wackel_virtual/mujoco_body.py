@@ -83,15 +83,18 @@ class MujocoBody:
         self._mass = n * MASS_KG
         grip = FRICTION * MASS_KG * GRAVITY * radii  # N m at which a tyre slips
         self._grip = grip
-        self._gain = grip / (DROOP_M_S / radii)
+        self._gain = np.zeros(n)
+        self._gain[drive.roll_wheels] = (grip / (DROOP_M_S / radii))[drive.roll_wheels]
         self._held = np.zeros(n, dtype=np.bool_)
-        self._roll_position = [model.joint(f"roll{i}").qposadr[0] for i in range(n)]
-        self._roll_velocity = [model.joint(f"roll{i}").dofadr[0] for i in range(n)]
-        self._wheel = [model.geom(f"wheel{i}").id for i in range(n)]
+        self._roll_position = np.array([model.joint(f"roll{i}").qposadr[0] for i in range(n)])
+        self._roll_velocity = np.array([model.joint(f"roll{i}").dofadr[0] for i in range(n)])
+        self._wheel = np.array([model.geom(f"wheel{i}").id for i in range(n)])
         self._lock = [model.equality(f"lock{i}").id for i in range(n)]
-        self._motor = [model.actuator(f"motor{i}").id for i in range(n)]
+        self._motor = np.array([model.actuator(f"motor{i}").id for i in range(n)])
         self._steers = np.flatnonzero(drive.steers)
-        self._steering = [model.actuator(f"steering{i}").id for i in self._steers]
+        self._steering = np.array(
+            [model.actuator(f"steering{i}").id for i in self._steers], dtype=np.intp
+        )
         self._chassis = model.body("chassis").id
         for i in self._steers:
             self._data.qpos[model.joint(f"steer{i}").qposadr[0]] = heading[i]
@@ -101,7 +104,6 @@ class MujocoBody:
         """Move on."""
         model, data = self._model, self._data
         gain = np.where(wheels.driven, self._gain, 0.0)
-        gain[[i for i in range(self._drive.n) if i not in self._drive.roll_wheels]] = 0.0
         model.actuator_gainprm[self._motor, 0] = gain
         model.actuator_biasprm[self._motor, 2] = -gain
         model.geom_friction[self._wheel, 0] = world.friction
