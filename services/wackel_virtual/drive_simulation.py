@@ -23,6 +23,7 @@ from wackel_schemas.drive import ImuSample, TwistCommand
 from wackel_schemas.virtual import Injection
 from wackel_virtual.calibration_errors import CalibrationErrors
 from wackel_virtual.drivetrain import Demand, Drivetrain, Physics
+from wackel_virtual.motion import TIME_CONSTANT_S
 
 START_NS = 1_700_000_000_000_000_000
 VELOCITY_STEP = 0.229 * 2 * np.pi / 60
@@ -62,6 +63,7 @@ class DriveSimulation:
         seed: Of everything random: the same calls with the same seed give the same cycles.
         physics: ``fast``, or ``mujoco`` (extra ``sim``).
         errors: Of the true robot; absent: drawn as large as the configuration assumes.
+        lag_s: Time constant with which its servos follow their goals.
         rate: Cycles per second.
 
     Attributes:
@@ -80,6 +82,7 @@ class DriveSimulation:
         *,
         physics: Physics = "fast",
         errors: CalibrationErrors | None = None,
+        lag_s: float = TIME_CONSTANT_S,
         rate: float = 100.0,
     ) -> None:
         if robot.drive is None:
@@ -90,7 +93,9 @@ class DriveSimulation:
         self.bus = buses.pop()
         gyros = robot.gyros or {"body": GyroConfig(rate=rate)}
         self.gyro = next(iter(gyros))
-        self._drivetrain = Drivetrain(robot.drive, gyros, seed, physics=physics, errors=errors)
+        self._drivetrain = Drivetrain(
+            robot.drive, gyros, seed, physics=physics, errors=errors, lag_s=lag_s
+        )
         self._random = Random(f"{seed}/currents")
         layout = self._drivetrain.layout
         self._layout = layout

@@ -72,6 +72,7 @@ class Drivetrain:
         seed: Of everything random.
         physics: Which body.
         errors: How it differs from the configuration; absent: drawn as large as that assumes.
+        lag_s: Time constant with which its servos follow their goals.
 
     Attributes:
         layout: As configured.
@@ -97,7 +98,9 @@ class Drivetrain:
         *,
         physics: Physics = "fast",
         errors: CalibrationErrors | None = None,
+        lag_s: float = TIME_CONSTANT_S,
     ) -> None:
+        self._lag_s = lag_s
         self.layout = Layout(drive)
         nominal = self.layout.drive
         first = next(iter(gyros.values()), GyroConfig())
@@ -149,7 +152,7 @@ class Drivetrain:
         if self._course.advance(self._time_s + _ROUNDING_S, body.pose, body.twist):
             self._take_over(drive_conditions(self._course.active(), self.layout))
         self._time_s += duration_s
-        gain = 1.0 - exp(-duration_s / TIME_CONSTANT_S)
+        gain = 1.0 - exp(-duration_s / self._lag_s)
 
         powered = demand.powered & ~self.free
         aim = self._scale * demand.rate

@@ -27,7 +27,7 @@ from rich.progress import Progress
 from rich.table import Table
 from scipy.special import gammaincinv
 
-from tests.bench.diagnoser import COMPLAINTS, Physics
+from tests.bench.diagnoser import COMPLAINTS, Physics, drawn_lag_s
 from tests.bench.result import console
 from tests.diagnoser.driving import DRIVING
 from tests.diagnoser.rig import Rig
@@ -67,6 +67,7 @@ class Job:
         physics: Of its simulation.
         driving: Its kind.
         worse: By how much its calibration is worse than configured.
+        lag_s: Time constant with which its servos follow.
     """
 
     number: int
@@ -74,6 +75,7 @@ class Job:
     physics: Physics
     driving: str
     worse: float
+    lag_s: float
 
     @classmethod
     def of(cls, number: int) -> "Job":
@@ -85,6 +87,7 @@ class Job:
             random.choice(("fast", "mujoco")),
             random.choice(("random", random.choice(list(DRIVING)))),
             3.0 if random.random() < WORSE_SHARE else 1.0,
+            drawn_lag_s(random),
         )
 
 
@@ -105,7 +108,12 @@ def robot(number: int) -> Driven:
     """Drives one."""
     job = Job.of(number)
     rig = Rig.of(
-        f"alarms/{number}", job.wheels, physics=job.physics, worse=job.worse, driving=job.driving
+        f"alarms/{number}",
+        job.wheels,
+        physics=job.physics,
+        worse=job.worse,
+        driving=job.driving,
+        lag_s=job.lag_s,
     )
     begin_ns = rig.now_ns
     rig.drive(ROBOT_S)

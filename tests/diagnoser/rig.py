@@ -21,6 +21,7 @@ from wackel_schemas.residuals import Residuals
 from wackel_schemas.virtual import Injection
 from wackel_virtual.calibration_errors import CalibrationErrors
 from wackel_virtual.drive_simulation import START_NS, Cycle, DriveSimulation
+from wackel_virtual.motion import TIME_CONSTANT_S
 
 GYRO = "body"
 WARM_UP_S = 30.0
@@ -63,6 +64,7 @@ class Rig:
         physics: Literal["fast", "mujoco"] = "fast",
         worse: float = 1.0,
         driving: str = "random",
+        lag_s: float = TIME_CONSTANT_S,
     ) -> Self:
         """A new robot; ``drive``: or how many steered wheels it has.
 
@@ -72,6 +74,7 @@ class Rig:
             physics: Of the simulation.
             worse: By how much its calibration is worse than its configuration says.
             driving: A kind of :mod:`tests.diagnoser.driving`.
+            lag_s: Time constant with which its servos follow.
         """
         config = steered_drive(drive) if isinstance(drive, int) else drive
         gyro = GyroConfig()
@@ -80,6 +83,7 @@ class Rig:
             seed,
             physics=physics,
             errors=CalibrationErrors.drawn(config, gyro, seed, worse),
+            lag_s=lag_s,
         )
         rng = np.random.default_rng(Random(seed).getrandbits(63))
         sideways = config.kind in ("steered", "mecanum", "omni")
