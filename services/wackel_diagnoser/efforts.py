@@ -6,7 +6,7 @@ one whose sensor only says so.
 """
 
 import math
-from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,37 @@ MOST = 1e3
 """A, or share of load; more is no reading."""
 LEARNT_S = 5.0
 """Of driving, from which on it is known what is usual."""
+SAME_S = 0.5
+"""For so long wheels push each other much the same: the rest of it tells of friction no more."""
+
+
+class Needs(NamedTuple):
+    """What driving needs, as learnt.
+
+    Attributes:
+        friction: By speed, A s/m (or share of load instead of A, as all of these).
+        mass: By acceleration, A s²/m.
+        unsure: Standard deviation of the friction. What wheels push each other at low speed is
+            taken for it, until the robot has driven faster.
+    """
+
+    friction: float
+    mass: float
+    unsure: float
+
+
+class Rolling(NamedTuple):
+    """The rolling motors.
+
+    Attributes:
+        current: Of each, A; NaN if unknown.
+        needs: What driving needs.
+        usual: Mean square of what each needs beyond that, A².
+    """
+
+    current: list[float]
+    needs: Needs
+    usual: list[float]
 
 
 class Efforts:
@@ -57,7 +88,7 @@ class Efforts:
         # Normal equations of current = friction × speed + mass × acceleration, for all wheels: the
         # matrix's upper triangle, and the right side.
         self._sums = (1e-6, 0.0, 1e-6, 0.0, 0.0)
-        self._needs = (0.0, 0.0)
+        self._needs = Needs(0.0, 0.0, 0.0)
         self._learnt_s = 0.0
 
     def bus_state(self, bus: str, state: BusState) -> None:
@@ -102,7 +133,7 @@ class Efforts:
             return self._unknown
         # Single numbers: for some motors, Python is faster with them than numpy.
         hastens = [(now - then) / seconds for now, then in zip(speeds, before, strict=True)]
-        friction, mass = self._needs
+        friction, mass, _ = self._needs
         beyond = self._current.copy()
         if math.isfinite(sum(speeds) + sum(hastens)):
             if learnt_s and math.isfinite(sum(beyond[: self._rolls])):
@@ -139,28 +170,38 @@ class Efforts:
         self._sums = a, b, c, r, s
         determinant = a * c - b * b
         if determinant > 0.0:
-            self._needs = (c * r - b * s) / determinant, (a * s - b * r) / determinant
+            pushed = sum(self._usual[: self._rolls]) / self._rolls
+            variance = pushed * c / determinant * max(SAME_S / learnt_s, 1.0)
+            self._needs = Needs(
+                (c * r - b * s) / determinant, (a * s - b * r) / determinant, math.sqrt(variance)
+            )
 
     @property
     def currents(self) -> list[float]:
         """Of the rolling motors, as last read, A or share of load; NaN if unknown."""
         return self._current[: self._rolls]
 
-    def loads(self, speeds: Iterable[float]) -> list[float]:
-        """What each rolling motor pushes at these speeds, m/s: its current less that of friction; 0
-        if unknown."""
-        friction, _ = self._needs
+    def loads(self, seconds: float, speeds: list[float]) -> list[float]:
+        """What each rolling motor pushes beyond what driving needs; 0 if unknown.
+
+        Args:
+            seconds: Since the last step.
+            speeds: At which each should roll, m/s.
+        """
+        friction, mass, _ = self._needs
+        mass /= seconds
         loads = [
-            amperes - friction * speed
-            for amperes, speed in zip(self._current, speeds, strict=False)
+            amperes - friction * now - mass * (now - then)
+            for amperes, now, then in zip(
+                self._current, speeds, self._speed or speeds, strict=False
+            )
         ]
         if math.isfinite(sum(loads)):
             return loads
         return [load if math.isfinite(load) else 0.0 for load in loads]
 
-    def rolling(self) -> tuple[list[float], tuple[float, float], list[float]] | None:
-        """Currents of the rolling motors, what driving needs by speed and by acceleration, and the
-        mean square of what is left; ``None`` until that is known."""
+    def rolling(self) -> Rolling | None:
+        """The rolling motors now; ``None`` until it is known what is usual."""
         if self._learnt_s < LEARNT_S:
             return None
         rolls = self._rolls
@@ -168,7 +209,7 @@ class Efforts:
             amperes if self._newest - read <= STALE_NS else math.nan
             for amperes, read in zip(self._current[:rolls], self._read[:rolls], strict=True)
         ]
-        return current, self._needs, self._usual[:rolls]
+        return Rolling(current, self._needs, self._usual[:rolls])
 
     def _watch_torque(self, seconds: float) -> None:
         torque = self._torque

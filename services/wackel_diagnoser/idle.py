@@ -6,9 +6,8 @@ other. One that turns alone needs only the first, while the others work.
 """
 
 import math
-from collections.abc import Iterable
 
-from wackel_diagnoser.efforts import LEAST
+from wackel_diagnoser.efforts import LEAST, Rolling
 from wackel_diagnoser.sequential import threshold
 
 FRICTION = 0.1
@@ -53,33 +52,23 @@ class IdleMotors:
         self._before: list[float] | None = None
         self._usual: list[float] | None = None
 
-    def step(
-        self,
-        seconds: float,
-        speeds: list[float],
-        current: Iterable[float],
-        needs: tuple[float, float],
-        usual: list[float],
-    ) -> None:
+    def step(self, seconds: float, speeds: list[float], rolling: Rolling) -> None:
         """Looks once.
 
         Args:
             seconds: Since the last look.
             speeds: At which each should roll, m/s.
-            current: Of each motor, A or share of load; NaN if unknown.
-            needs: What friction needs by speed, and mass by acceleration.
-            usual: Mean square of what each needs beyond that, as known before the first look; later
-                ones follow it on their own.
+            rolling: The motors. What is usual is taken over at the first look; later ones follow it
+                on their own.
         """
         before, self._before = self._before, speeds
         if before is None or len(speeds) < 2:
             return
         # Single numbers: for some motors, Python is faster with them than numpy.
-        by_speed, by_acceleration = needs
-        frictions = [by_speed * now for now in speeds]
+        current, needs, usual = rolling
+        frictions = [needs.friction * now for now in speeds]
         inertias = [
-            by_acceleration * (now - then) / seconds
-            for now, then in zip(speeds, before, strict=True)
+            needs.mass * (now - then) / seconds for now, then in zip(speeds, before, strict=True)
         ]
         alone = [a - friction for a, friction in zip(current, frictions, strict=True)]
         rest = [a - inertia for a, inertia in zip(alone, inertias, strict=True)]
@@ -93,17 +82,20 @@ class IdleMotors:
         # The laziest of the others says how much there is to do.
         lowest, second = sorted(awake)[:2]
         sums, most = self._sums, MOST * self._limit
+        sways, unsure = (FRICTION * needs.friction) ** 2, needs.unsure**2
         for i, mean in enumerate(means):
-            others = min(lowest if awake[i] > lowest else second, 1.0)
-            swaying = FRICTION * frictions[i]
-            idle = NOISE**2 + swaying * swaying
-            driving = idle + mean * others
-            told = math.log(driving / idle)
-            told += rest[i] * rest[i] / driving - alone[i] * alone[i] / idle
-            # At an even speed wheels push each other as they did before: nothing new.
-            works = max(mean, inertias[i] * inertias[i]) >= WORKS * NOISE**2
-            if told > 0.0 and not (works and abs(inertias[i]) >= NOISE):
-                told = 0.0
+            works = mean * min(lowest if awake[i] > lowest else second, 1.0)
+            square = speeds[i] * speeds[i]
+            idle = NOISE**2 + sways * square
+            told = _told(alone[i], rest[i], idle, works)
+            if told > 0.0:
+                # Friction that is known badly may look like idling, but excuses nothing.
+                doubt = unsure * square
+                told = min(told, _told(alone[i], rest[i], idle + doubt, works))
+                # At an even speed wheels push each other as they did before: nothing new.
+                noise, inertia = NOISE**2 + doubt, inertias[i] * inertias[i]
+                if not (max(mean, inertia) >= WORKS * noise and inertia >= noise):
+                    told = 0.0
             sums[i] += INDEPENDENT * min(max(0.5 * told, -AGAINST), FOR)
             sums[i] = min(max(sums[i], 0.0), most)
         self.found = [
@@ -118,3 +110,16 @@ class IdleMotors:
             mean if found else mean + share * (min(left * left, BURST * max(mean, NOISE**2)) - mean)
             for mean, left, found in zip(usual, rest, self.found, strict=True)
         ]
+
+
+def _told(alone: float, rest: float, idle: float, works: float) -> float:
+    """Twice the logarithm of how much likelier it is that a motor idles than that it drives.
+
+    Args:
+        alone: What it needs beyond friction, A.
+        rest: And beyond its share of the acceleration.
+        idle: Variance of the first if it idles.
+        works: And by which that of the second is larger if it drives.
+    """
+    driving = idle + works
+    return math.log(driving / idle) + rest * rest / driving - alone * alone / idle

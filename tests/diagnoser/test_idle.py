@@ -8,17 +8,24 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from tests.diagnoser.rig import Rig
+from wackel_diagnoser.efforts import Needs, Rolling
 from wackel_diagnoser.idle import IdleMotors
 from wackel_kinematics.array import Floats
 from wackel_schemas.fault import FaultReport
 
-NEEDS = (0.15, 0.05)  # A by m/s, and by m/s²
+NEEDS = Needs(friction=0.15, mass=0.05, unsure=0.0)
 USUAL = [0.1**2] * 4
 LOOK_S = 0.04
 
 
-def look(motors: IdleMotors, seconds: float, idle: int | None, work_a: float = 0.1) -> None:
-    """Lets motors drive at changing speed, all but one against each other."""
+def look(
+    motors: IdleMotors,
+    seconds: float,
+    idle: int | None,
+    work_a: float = 0.1,
+    needs: Needs = NEEDS,
+) -> None:
+    """Lets motors drive at changing speed, all but one against each other; ``needs``: as learnt."""
     rng = np.random.default_rng(1)
     push = np.zeros(4)
     for step in range(round(seconds / LOOK_S)):
@@ -28,7 +35,7 @@ def look(motors: IdleMotors, seconds: float, idle: int | None, work_a: float = 0
         if idle is not None:
             load[idle] = 0.0
         current = NEEDS[0] * speed + load + rng.normal(0.0, 0.003, 4)
-        motors.step(LOOK_S, speed.tolist(), current.tolist(), NEEDS, USUAL)
+        motors.step(LOOK_S, speed.tolist(), Rolling(current.tolist(), needs, USUAL))
 
 
 def test_a_motor_that_idles_while_others_work_is_found_and_heals() -> None:
@@ -51,6 +58,32 @@ def test_motors_that_work_are_not_idle() -> None:
     assert not any(motors.found)
 
 
+def hasten(motors: IdleMotors, needs: Needs) -> None:
+    """Lets all motors drive faster than ever, by a share of the speed each second that needs as
+    much current as needs differ from the true ones."""
+    rng = np.random.default_rng(4)
+    growth = (needs.friction - NEEDS.friction) / NEEDS.mass
+    for step in range(round(2.0 / LOOK_S)):
+        speed = 0.3 * math.exp(growth * step * LOOK_S)
+        current = needs.friction * speed + rng.normal(0.0, 0.003, 4)
+        motors.step(LOOK_S, [speed] * 4, Rolling(current.tolist(), needs, USUAL))
+
+
+def test_friction_that_was_learnt_at_low_speed_makes_no_motor_idle() -> None:
+    motors = IdleMotors(4, 1 / LOOK_S)
+    hasten(motors, Needs(NEEDS.friction + 0.05, NEEDS.mass, unsure=0.0))
+    assert any(motors.found), "who is sure of it must think so"
+    motors = IdleMotors(4, 1 / LOOK_S)
+    hasten(motors, Needs(NEEDS.friction + 0.05, NEEDS.mass, unsure=0.05))
+    assert not any(motors.found)
+
+
+def test_friction_that_is_hardly_known_excuses_no_motor_that_works() -> None:
+    motors = IdleMotors(4, 1 / LOOK_S)
+    look(motors, 600.0, idle=None, needs=Needs(NEEDS.friction, NEEDS.mass, unsure=0.05))
+    assert not any(motors.found)
+
+
 def drive_evenly(motors: IdleMotors, seconds: float, blocked: int | None = None) -> None:
     """On even ground at an even speed, where motors need little but for friction."""
     rng = np.random.default_rng(2)
@@ -60,7 +93,7 @@ def drive_evenly(motors: IdleMotors, seconds: float, blocked: int | None = None)
         current = NEEDS[0] * 0.3 + push + rng.normal(0.0, 0.003, 4)
         if blocked is not None:
             current[blocked] = 1.2
-        motors.step(LOOK_S, [0.3] * 4, current.tolist(), NEEDS, [0.009**2] * 4)
+        motors.step(LOOK_S, [0.3] * 4, Rolling(current.tolist(), NEEDS, [0.009**2] * 4))
 
 
 def test_on_even_ground_the_first_change_of_speed_tells() -> None:
@@ -77,7 +110,7 @@ def test_on_even_ground_the_first_change_of_speed_tells() -> None:
             if idle is not None:
                 load[idle] = 0.0
             current = NEEDS[0] * speed + load + rng.normal(0.0, 0.003, 4)
-            motors.step(LOOK_S, [speed] * 4, current.tolist(), NEEDS, [0.009**2] * 4)
+            motors.step(LOOK_S, [speed] * 4, Rolling(current.tolist(), NEEDS, [0.009**2] * 4))
 
     drive(idle=None)
     assert not any(motors.found)
@@ -102,7 +135,7 @@ def test_nonsense_convicts_nobody(speed: Floats, current: Floats) -> None:
     motors = IdleMotors(4, 1 / LOOK_S)
     with np.errstate(all="ignore"):
         for _ in range(3):
-            motors.step(LOOK_S, speed.tolist(), current.tolist(), NEEDS, USUAL)
+            motors.step(LOOK_S, speed.tolist(), Rolling(current.tolist(), NEEDS, USUAL))
     assert not any(motors.found)
     look(motors, 5.0, idle=2)
     assert motors.found[2]
