@@ -25,6 +25,9 @@ GRIP_M_S2 = 6.5
 GIVES_WAY_M_S = 0.06
 """What a wheel loses of its speed when its drive pushes with all its grip: velocity control without
 integral part."""
+HASTENING_S = GIVES_WAY_M_S / GRIP_M_S2
+"""By how much a drive lags because it gives way to the robot's mass: the references, which lag as
+drives were seen to, have it in them."""
 CREEP_M_S = 0.001
 CREEP_SHARE = 0.002
 """Slip at which a tyre has most of its grip: at rest, and by the speed. Tyres of cars have 5 %,
@@ -71,10 +74,10 @@ class Observed:
     Attributes:
         heading: Of each wheel as shown, rad, shape (n,).
         told: As told.
-        speed: At which each wheel was told to roll, m/s.
+        speed: At which each wheel would have rolled without any load, m/s.
         rolled: At which it did.
         yaw: The gyros' rate, rad/s.
-        acceleration: Commanded, in the robot frame, shape (3,).
+        acceleration: Of the references, in the robot frame, shape (3,).
         power: That motors delivered, A m/s; NaN where currents are not known.
         causes: What driving itself costs power for, see :class:`SlipPower`.
     """
@@ -98,26 +101,29 @@ def observe(block: Block, rows: Rows) -> Observed | None:
     if not yaws.size:
         return None
     begin, end = block[0][1], block[-1][1]
-    first, last = begin.twist, end.twist
+    first, last = block[0][2].followed, block[-1][2].followed
     vx, vy, omega = (0.5 * (first + last)).tolist()
     seconds = (block[-1][0].end - block[0][0].end) / 1e9
-    current = np.array([current for _, _, _, current in block])
+    # A current is read at a step's end, which lies half way between the middles of two steps.
+    current = np.array([current for _, _, _, current in block[:-1]])
+    between, intervals = 0.5 * (rolled[:-1] + rolled[1:]), len(block) - 1
     turned = float(yaws[-1].mean()) ** 2 - float(yaws[0].mean()) ** 2
     hastened = float(end.speed.dot(end.speed) - begin.speed.dot(begin.speed))
     return Observed(
         _mean([step.heading for step, _, _, _ in block]),
         _mean([target.heading for _, target, _, _ in block]),
-        _mean([target.speed for _, target, _, _ in block]),
+        _mean([target.speed for _, target, _, _ in block])
+        + HASTENING_S / seconds * (end.speed - begin.speed),
         _mean(rolled),
         float(yaws.sum()) / yaws.size,
         (last - first) / seconds + np.array([-omega * vy, omega * vx, 0.0]),
-        float(np.vdot(current, rolled)) / len(block),
+        float(np.vdot(current, between)) / intervals,
         np.array(
             (
-                float(np.vdot(rolled, rolled)) / len(block),
+                float(np.vdot(between, between)) / intervals,
                 0.5 * hastened / seconds,
                 0.5 * turned / seconds,
-                float(np.abs(rolled).sum()) / len(block),
+                float(np.abs(between).sum()) / intervals,
             )
         ),
     )

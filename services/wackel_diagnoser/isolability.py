@@ -127,7 +127,7 @@ class Isolability:
         step = Step(0, nanoseconds, heading, still, rates, np.full(len(self._gyros), twist[2]))
         speed = drive.roll_radius * motion.wheel_rate[drive.roll_wheels]
         gaps, speed_gaps = [0.0] * drive.n, [0.0] * len(speed)
-        return step, Target(heading, still, gaps, speed, speed_gaps, shown, twist)
+        return step, Target(heading, still, gaps, speed, speed_gaps, speed_gaps, shown, twist)
 
     def _with(self, step: Step, fault: str) -> Step:
         place = self._hypotheses.place(fault)

@@ -1,7 +1,7 @@
 """What the wheels should do: the commanded twist through inverse kinematics and the drives' lag.
 
 Nobody states how quickly his drives follow. So several lags run side by side, for steering and for
-rolling, and the one that the measurements follow best is used.
+rolling; the one that the measurements follow best is used, refined by how well its neighbours do.
 """
 
 import math
@@ -17,8 +17,10 @@ from wackel_kinematics.inverse import STANDSTILL_M_S
 from wackel_node.config_drive import DriveConfig
 from wackel_schemas.drive import TwistCommand
 
-LAGS_S = np.array([0.005, 0.015, 0.03, 0.05, 0.08, 0.12, 0.2])[:, None]
-"""From a stiff servo to a heavy wheel in a soft loop; neighbours differ by what hardly matters."""
+LAGS_S = np.array([0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.05, 0.065, 0.08, 0.1, 0.12, 0.16, 0.2])
+"""That are tried: from a stiff servo to a heavy wheel in a soft loop."""
+FIRST = 6
+"""Number of the one that is taken first."""
 SETTLING_S = 0.15
 """A servo that turns as fast as it can takes longer than its lag: a quarter turn at 60 rev/min
 0.25 s."""
@@ -26,12 +28,21 @@ LEAST_STEERING_RATE = 2.0
 """rad/s that every steering reaches; how much faster this one is, driving shows."""
 FRESH_NS = 500_000_000
 """A command older than this is no longer what drives the robot."""
+TELLS = 0.01
+"""m/s and rad that a drive or a steering must still be off the command to tell of its lag; at rest,
+and at an even speed, nothing is learnt, and nothing forgotten."""
 MEMORY_S = 10.0
-"""In which the lag is learnt."""
+"""Of what tells, in which the lag is learnt."""
 CHOOSE_S = 0.5
+"""Of that from choice to choice: a single change of speed, in which drives wait for their steering,
+does not decide."""
 CLEARER = 0.7
-"""Of the squares that the present lag misses, what another must miss at most: after a rest a single
-start decides, in which drives wait for their steering. Lags that miss alike will do alike."""
+"""Of the squares that the present lag misses, what another must miss at most. Lags that miss alike
+will do alike."""
+ALIGNED_RAD = 0.1
+SLOWED = 0.35
+"""The same of what was missed while a wheel had to turn by more than that, for a longer lag of
+rolling: wheels that point elsewhere slow each other down, which is no lag of theirs."""
 FASTEST = 20.0
 """m/s and rad/s; no robot on servos does more, and nothing larger is a command."""
 _MOST_WAITING = 64
@@ -50,6 +61,8 @@ class Target(NamedTuple):
         heading_gap: How far the heading still was from the command, rad, of each wheel.
         speed: Rolling speed of each roll row, m/s.
         speed_gap: How far that still was from the command, m/s, of each roll row.
+        speed_late: Derivative of that by the logarithm of the lag: a tenth of it is by how much the
+            speed would be another if the drive lagged a tenth more or less.
         goal: Commanded headings, on this side or half a turn round.
         twist: Commanded.
         known: Whether there is a command to follow.
@@ -60,6 +73,7 @@ class Target(NamedTuple):
     heading_gap: list[float]
     speed: Floats
     speed_gap: list[float]
+    speed_late: list[float]
     goal: Floats
     twist: Floats
     known: bool = True
@@ -93,19 +107,24 @@ class Reference:
         mounted = [wheel.heading for wheel in config.wheels]
         self._heading = list(mounted)
         self._speed = [0.0] * n
-        # Headings of all wheels, then speeds of the roll rows; a row for each lag.
+        # Headings of all wheels, then speeds of the roll rows; a row for each lag that is tried,
+        # and the last one for those that are used.
         self._goal = np.zeros(n + len(drive.roll_wheels))
-        self._state = np.zeros((len(LAGS_S), len(self._goal)))
+        self._state = np.zeros((len(LAGS_S) + 1, len(self._goal)))
+        self._lags_s = np.repeat(np.append(LAGS_S, LAGS_S[FIRST])[:, None], len(self._goal), axis=1)
         self._known = False
         # What the states are off what wheels show that stand the other way round.
         self._half_turns = np.zeros(len(self._goal))
         self._sign = np.ones(len(self._goal))
         self._turn_half_round(np.zeros(n))
         self._envelope = [0.0] * n
+        self._late = [0.0] * len(self._rolls)
         # Which of the state are headings, which speeds.
         self._kinds = np.repeat(np.eye(2), (n, len(drive.roll_wheels)), axis=0)
+        # Of steering and of rolling; and of the latter those while wheels turned.
         self._misses = np.zeros((2, len(LAGS_S)))
-        self._choose(3, 3)
+        self._slowed = np.zeros(len(LAGS_S))
+        self._chosen = [FIRST, FIRST]
         self._since_choice = 0.0
         self._steering_rate = LEAST_STEERING_RATE
         self._turned_before = [0.0] * n, 1.0  # rad, s
@@ -115,6 +134,7 @@ class Reference:
             [0.0] * drive.n,
             np.full(len(drive.roll_wheels), np.nan),
             [0.0] * len(drive.roll_wheels),
+            [0.0] * len(drive.roll_wheels),
             np.full(drive.n, np.nan),
             np.full(3, np.nan),
             known=False,
@@ -123,8 +143,7 @@ class Reference:
     @property
     def lags_s(self) -> tuple[float, float]:
         """Of steering and of rolling, as learnt."""
-        steering, rolling = self._chosen
-        return float(LAGS_S[steering, 0]), float(LAGS_S[rolling, 0])
+        return float(self._lags_s[-1, 0]), float(self._lags_s[-1, -1])
 
     def command(self, message: TwistCommand) -> bool:
         """Takes in a command; says whether it can be one."""
@@ -160,39 +179,52 @@ class Reference:
             return self._unknown
         if not self._known:
             self._start(step)
-        dt, n, goal, picked = step.seconds, self._n, self._goal, self._picked
+        dt, n, goal, lags_s = step.seconds, self._n, self._goal, self._lags_s
         # The measured heading may be that of the same wheel turned half round and rolling back.
-        apart = step.heading - self._state.take(self._picked_headings)
+        apart = step.heading - self._state[-1, :n]
         off, halves = apart.tolist(), self._halves
         if not all(-_QUARTER <= off[i] - halves[i] <= _QUARTER for i in self._steered):
             # Hardly ever, or what is not known.
             self._turn_half_round(np.rint(apart * (1 / math.pi)))
         self._learn_steering_rate(step)
         missing = self._state - goal
-        moved = missing * np.expm1(-dt / LAGS_S)
+        moved = missing * np.expm1(-dt / lags_s)
         turned, most = moved[:, :n], self._steering_rate * dt
         held = turned.item(turned.argmax()) > most or turned.item(turned.argmin()) < -most
-        if held or learnt_s:
-            middles = goal - LAGS_S / dt * moved
+        change, gap = moved[-1], missing[-1].tolist()
+        tells = learnt_s and (max(gap) > TELLS or min(gap) < -TELLS)
+        if held or tells:
+            middles = goal - lags_s / dt * moved
             if held:
                 self._hold(moved, middles, most)
-            if learnt_s:
-                self._learn(step, learnt_s, middles)
-                picked = self._picked
-            middle, change = middles.take(picked), moved.take(picked)
+            middle = middles[-1]
         else:
-            change = moved.take(picked)
-            middle = goal - self._lag_s / dt * change
+            middle = goal - lags_s[-1] / dt * change
         self._state += moved
-        gap, fade = [*map(abs, missing.take(picked).tolist())], math.exp(-dt / SETTLING_S)
+        if tells:
+            self._learn(step, learnt_s, middles[:-1])
+        fade = math.exp(-dt / SETTLING_S)
         self._envelope = [
-            max(now, fade * before) for now, before in zip(gap[:n], self._envelope, strict=True)
+            max(abs(now), fade * before)
+            for now, before in zip(gap[:n], self._envelope, strict=True)
+        ]
+        lags = dt / float(lags_s[-1, -1])
+        fade = math.exp(-lags)
+        late = self._late = [
+            fade * (before + lags * now) for now, before in zip(gap[n:], self._late, strict=True)
         ]
         if any(self._halves):
             middle *= self._sign
             middle += self._half_turns
         return Target(
-            middle[:n], change[:n], self._envelope, middle[n:], gap[n:], goal[:n], self._twist
+            middle[:n],
+            change[:n],
+            self._envelope,
+            middle[n:],
+            [*map(abs, gap[n:])],
+            [*map(abs, late)],
+            goal[:n],
+            self._twist,
         )
 
     def _hold(self, moved: Floats, middles: Floats, most: float) -> None:
@@ -266,19 +298,28 @@ class Reference:
     def _followed(self) -> list[int]:
         """Lags of steering and rolling: others than now only where they are clearly followed."""
         best = self._misses.argmin(axis=1).tolist()
+        _, rolling = self._chosen
+        slowed = float(self._slowed[rolling]) if best[1] > rolling else 0.0
         return [
-            lag if misses[lag] < CLEARER * misses[now] else now
-            for lag, now, misses in zip(best, self._chosen, self._misses.tolist(), strict=True)
+            lag if misses[lag] < CLEARER * misses[now] - less else now
+            for lag, now, misses, less in zip(
+                best,
+                self._chosen,
+                self._misses.tolist(),
+                (0.0, (CLEARER - SLOWED) * slowed),
+                strict=True,
+            )
         ]
 
-    def _choose(self, steering: int, rolling: int) -> None:
-        """Takes lags as those of the drive."""
-        rolls, width = len(self._rolls), len(self._goal)
-        rows = np.repeat((steering, rolling), (self._n, rolls))
-        self._chosen = steering, rolling
-        self._picked = rows * width + np.arange(width)
-        self._picked_headings = self._picked[: self._n]
-        self._lag_s = LAGS_S[rows, 0]
+    def _choose(self) -> None:
+        """Takes the lags that are followed as those of the drive."""
+        chosen, n = self._followed(), self._n
+        for kind, part in enumerate((slice(n), slice(n, None))):
+            now = chosen[kind]
+            if now != self._chosen[kind]:
+                self._state[-1, part] = self._state[now, part]
+            self._lags_s[-1, part] = _refined(self._misses[kind], now)
+        self._chosen = chosen
 
     def _learn(self, step: Step, learnt_s: float, middle: Floats) -> None:
         """Which lag the measurements follow."""
@@ -290,11 +331,30 @@ class Reference:
         )
         off = off - middle
         squares = np.minimum(off * off, 0.01)
-        self._misses *= 1.0 - learnt_s / MEMORY_S
+        fade = 1.0 - learnt_s / MEMORY_S
+        self._misses *= fade
+        self._slowed *= fade
         added = squares @ self._kinds
         if math.isfinite(float(added.sum())):
             self._misses += added.T
+            if max(self._envelope) > ALIGNED_RAD:
+                self._slowed += added[:, 1]
         self._since_choice += learnt_s
         if self._since_choice >= CHOOSE_S:
             self._since_choice = 0.0
-            self._choose(*self._followed())
+            self._choose()
+
+
+def _refined(misses: Floats, at: int) -> float:
+    """Lag where a parabola through the misses of one that is tried and its neighbours is lowest, s;
+    no further off than half way to them."""
+    if not 0 < at < len(LAGS_S) - 1:
+        return float(LAGS_S[at])
+    left, here, right = LAGS_S[at - 1 : at + 2].tolist()
+    before, now, after = misses[at - 1 : at + 2].tolist()
+    falls, rises = (now - before) / (here - left), (after - now) / (right - here)
+    first, last = 0.5 * (left + here), 0.5 * (here + right)
+    if not rises > falls:
+        return float(here)
+    lowest = first - falls * (last - first) / (rises - falls)
+    return float(min(max(lowest, first), last))

@@ -31,6 +31,9 @@ FOLLOWS = 0.003
 PENDING = 0.15
 """Share of what is still to come (command less reference) by which a reference may be off: a real
 drive is no first-order lag."""
+LAG = 0.2
+"""Share by which the lag of rolling may be another: those that are tried lie so far apart, and one
+that fits alike is kept."""
 FORCED = 0.8
 """A wheel's slip by what the references of all wheels, each with its own lag, force on it."""
 SHARED = 0.4
@@ -71,6 +74,8 @@ YAW = 0.3
 MOVING_M_S = 0.05
 """Slower, residuals say nothing of calibration, and a faulty wheel looks sound."""
 
+_NO_TWIST: Floats = np.full(3, np.nan)
+
 
 @dataclass
 class Measured:
@@ -88,6 +93,8 @@ class Measured:
         speed: The fastest wheel's, m/s.
         creep: How much all wheels slip by their load, m/s.
         present: Which rows are there.
+        followed: Twist by which references follow the commanded one, m/s and rad/s, shape (3,);
+            NaN if they are not known.
     """
 
     z: Floats
@@ -100,6 +107,7 @@ class Measured:
     speed: float
     creep: float
     present: Bools
+    followed: Floats
 
 
 class Rows:
@@ -263,13 +271,13 @@ class Rows:
             for i in steered:
                 aimed[i] = told[i] + zeros[i] - late * turned[i]
             rows = drive.known_rows(stands, aimed) if whole else _any_rows(drive, stands, aimed)
-            forced, mean, yaw = self._slip(rows[1], target.speed)
+            forced, mean, followed = self._slip(rows[1], target.speed)
             off, present = [heading[i] - told[i] for i in steered], self.every
             yielded = [-self.gives_way * load for load in loads]
             missed = [*map(sub, map(sub, rolled, speeds), yielded)]
         else:
             rows = drive.known_rows(stands) if whole else _any_rows(drive, stands)
-            forced, mean, yaw = self._no_constraints, 0.0, math.nan
+            forced, mean, followed = self._no_constraints, 0.0, _NO_TWIST
             self._told, self._skid = self._unknown, 0.0
             off, present = self._no_steering, self._untold
             missed = speeds = yielded = self._no_rolls
@@ -310,9 +318,12 @@ class Rows:
                 # What is forced or late, or belongs to another time.
                 *map(add, forced[:slides], lagging),
                 *forced[slides:],
-                *[JERK * each for each in self._changed(turning, yaw)],
+                *[JERK * each for each in self._changed(turning, followed.item(2))],
                 *[PENDING * gaps[i] + late for i, late in zip(steered, lag, strict=True)],
-                *[PENDING * gap for gap in target.speed_gap],
+                *[
+                    max(PENDING * gap, LAG * late)
+                    for gap, late in zip(target.speed_gap, target.speed_late, strict=True)
+                ],
                 # What causes depend on.
                 1.0,
                 1 / dt,
@@ -336,6 +347,7 @@ class Rows:
             speed,
             creep,
             present,
+            followed,
         )
 
     def _variances(
@@ -384,9 +396,9 @@ class Rows:
         self._skid = max(0.0, self._skid + (hastened - HOLDS_M_S2) * dt)
         return LOADED * min(held * held, 1.0) * speed + self._skid
 
-    def _slip(self, rows: Floats, speeds: Floats) -> tuple[list[float], float, float]:
+    def _slip(self, rows: Floats, speeds: Floats) -> tuple[list[float], float, Floats]:
         """How much the references contradict each other, m/s: by which each row may be off, and on
-        average; and how they turn the robot, rad/s."""
+        average; and the twist that they make."""
         inverse = self._inverse
         if inverse is None:
             inverse = np.asarray(np.linalg.inv(rows.T @ rows + REGULAR))
@@ -395,7 +407,7 @@ class Rows:
         for row, speed in enumerate(speeds.tolist(), start=self.rolls.start):
             slip[row] -= speed
         mean = math.sqrt(sum([each * each for each in slip]) / len(slip))
-        return [FORCED * abs(each) for each in slip], mean, float(twist[2])
+        return [FORCED * abs(each) for each in slip], mean, twist
 
 
 def _any_rows(drive: Drive, *headings: Sequence[float]) -> Floats:

@@ -35,6 +35,33 @@ def test_bad_calibration_is_no_fault(kind: str, count: int) -> None:
     assert [each.code for each in rig.reports if each.component != component.COMMAND] == []
 
 
+@pytest.mark.parametrize(("lag_s", "number"), [(0.022, 1), (0.04, 4), (0.06, 5)])
+def test_servos_of_any_lag_are_sound_though_commands_jump(lag_s: float, number: int) -> None:
+    """What is still to come of a jump differs a lot for lags that hardly differ."""
+    rig = Rig.of(f"tune/lag/{number}", 4, driving="jumps", lag_s=lag_s)
+    rig.drive(18.0)
+    assert [each.code for each in rig.reports if each.component != component.COMMAND] == []
+    assert rig.residuals is not None
+    steering, rolling = rig.residuals.lags_s
+    assert steering == pytest.approx(lag_s, rel=0.05)
+    # Drives give way to the robot's mass, which looks like a lag of up to 10 ms.
+    assert 0.0 < rolling - lag_s < 0.01
+
+
+def test_wheels_that_turn_at_a_start_are_no_lag_of_the_drives() -> None:
+    """They slow each other down; taken for a lag, it is missed where all stop together."""
+    rig = Rig.of("alarms/1022", 3, physics="mujoco", driving="jumps")
+    rig.drive(15.0)
+    assert [each.code for each in rig.reports if each.component != component.COMMAND] == []
+
+
+def test_friction_learnt_at_low_speed_is_not_believed_at_a_higher_one() -> None:
+    """The first acceleration to 1.6 m/s looks as if the motors did nothing."""
+    rig = Rig.of("alarms/1212", 4)
+    rig.drive(13.0)
+    assert rig.reports == []
+
+
 def test_wheels_that_pull_each_other_are_no_fault_of_the_gyro() -> None:
     """Some skid for it, and turn the robot otherwise than they show, by a twelfth."""
     rig = Rig.of("alarms/2748", 4, physics="mujoco", worse=3.0, driving="circles")

@@ -45,11 +45,11 @@ class Straight:
             self.drive(0.3 * (-1) ** turn, 0.5, lag_s)
 
 
-@pytest.mark.parametrize("lag_s", [0.015, 0.05, 0.12])
+@pytest.mark.parametrize("lag_s", [0.015, 0.023, 0.05, 0.057, 0.12, 0.15])
 def test_the_lag_of_a_drive_is_learnt(lag_s: float) -> None:
     robot = Straight()
     robot.shuttle(5.0, lag_s)
-    assert robot.reference.lags_s[1] == lag_s
+    assert robot.reference.lags_s[1] == pytest.approx(lag_s, rel=0.05)
 
 
 def test_one_start_after_a_rest_makes_no_drive_late() -> None:
@@ -57,11 +57,11 @@ def test_one_start_after_a_rest_makes_no_drive_late() -> None:
     robot.shuttle(5.0, 0.05)
     robot.drive(0.0, 60.0, 0.05)
     robot.drive(0.3, 1.0, 0.066)
-    assert robot.reference.lags_s[1] == 0.05
+    assert robot.reference.lags_s[1] == pytest.approx(0.05, rel=0.05)
 
 
 def test_a_drive_that_became_slower_is_followed() -> None:
     robot = Straight()
     robot.shuttle(5.0, 0.05)
     robot.shuttle(15.0, 0.12)
-    assert robot.reference.lags_s[1] == 0.12
+    assert robot.reference.lags_s[1] == pytest.approx(0.12, rel=0.05)

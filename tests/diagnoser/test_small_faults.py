@@ -51,7 +51,16 @@ class Driven:
         speed = drive.roll_radius * rates[drive.roll_wheels]
         yaw = twist[2] + self.bias + self._rng.normal(0.0, 0.002)
         zeros = np.zeros(n)
-        target = Target(heading, np.zeros(n), [0.0] * n, speed, [0.0] * len(speed), heading, twist)
+        target = Target(
+            heading,
+            np.zeros(n),
+            [0.0] * n,
+            speed,
+            [0.0] * len(speed),
+            [0.0] * len(speed),
+            heading,
+            twist,
+        )
         step = Step(
             begin, self._now, heading + self.off, zeros, rates * self.scale, np.array([yaw])
         )

@@ -39,7 +39,9 @@ class Named:
             z[self._row + 1] = off
             nothing = np.zeros(self._rows.count)
             h = np.zeros((self._rows.count, 3))
-            measured = Measured(z, h, *(nothing,) * 4, [], speed, 0.0, self._rows.every)
+            measured = Measured(
+                z, h, *(nothing,) * 4, [], speed, 0.0, self._rows.every, np.zeros(3)
+            )
             variance = np.full(self._rows.count, SIGMA**2)
             self._soundness.step(self._step(), self._target(speed), measured, variance, evidence)
 
@@ -51,7 +53,9 @@ class Named:
 
     def _target(self, speed: float) -> Target:
         told = np.full(3, self._told)
-        return Target(told, np.zeros(3), [0.0] * 3, np.full(3, speed), [0.0] * 3, told, np.zeros(3))
+        return Target(
+            told, np.zeros(3), [0.0] * 3, np.full(3, speed), [0.0] * 3, [0.0] * 3, told, np.zeros(3)
+        )
 
 
 DRIVE, STEERING = component.wheel_drive("w1"), component.wheel_steering("w1")
