@@ -20,7 +20,7 @@ from wackel_schemas import component
 from wackel_schemas.bus import BusState
 from wackel_schemas.drive import ImuSample
 
-Refusal: TypeAlias = Arrival | Literal["implausible", "ahead"]
+Refusal: TypeAlias = Arrival | Literal["implausible", "ahead", "uncertain"]
 
 WAIT_NS = 30_000_000
 """How far the wheels' samples go on before a sensor has been waited for in vain: three cycles at
@@ -31,6 +31,9 @@ SHORTEST_NS = 7_000_000
 while what drives and steerings do takes 15 ms and more. Each reading ends one step and begins the
 next, so shorter steps tell nothing more, and each costs as much. States at 100 Hz and 125 Hz end a
 step each, even with a jitter of 3 ms and 1 ms; those at 200 Hz every other."""
+UNCERTAIN_S = 0.002
+"""By how much the time of a state may be another than its stamp: a fifth of a step at 100 Hz, so
+that all speeds seem a fifth too high in one step, and too low in the next."""
 AHEAD_NS = 1_000_000_000
 """Stamps further ahead of the steps are not believed at once: they follow a gap, a step of the
 clock, or nonsense."""
@@ -121,9 +124,13 @@ class Alignment:
             position, velocity = servo.position, servo.velocity
             if position is None and velocity is None:
                 continue
-            if not believed and not self._fits(stamp, bus):
-                return False
-            believed = True
+            if not believed:
+                if not state.late_s <= UNCERTAIN_S:  # NaN is not, either
+                    self._refuse(component.bus(bus), "uncertain")
+                    return False
+                if not self._fits(stamp, bus):
+                    return False
+                believed = True
             # Not so of NaN, which no comparison holds for.
             if not (
                 (position is None or -MOST_ANGLE <= position <= MOST_ANGLE)

@@ -112,9 +112,12 @@ class BusState(Message, kw_only=True):
 
     Attributes:
         servos: In the order of the answers.
+        late_s: How much later than usual these came. Whether the adapter held back them or the
+            instruction is not known, so the values may be of a time so much after the stamp.
     """
 
     servos: list[ServoState]
+    late_s: float = 0.0
 
 
 class ServoStatistics(Record, kw_only=True):

@@ -107,8 +107,12 @@ class Exchange:
         if answers is None:
             answers = flight.reader.read(_joined(chunks))
         self._missed = frozenset(answers.missing)
-        if chunks and answers.clean:
-            self.patience.completed(expectation, chunks[-1][0] - flight.sent_ns)
+        late_ns = 0
+        if chunks:
+            took_ns = chunks[-1][0] - flight.sent_ns
+            late_ns = self.patience.late_ns(expectation, took_ns - lag_ns)
+            if answers.clean:
+                self.patience.completed(expectation, took_ns)
         return Outcome(
             flight.purpose,
             flight.instruction,
@@ -121,6 +125,7 @@ class Exchange:
             ended_ns,
             lag_ns,
             self._baud_rate,
+            late_ns,
         )
 
     def _listen(self, flight: _Flight) -> tuple[list[tuple[int, bytes]], Answers | None, int, int]:

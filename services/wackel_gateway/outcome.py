@@ -27,6 +27,7 @@ class Outcome:
         ended_ns: When listening ended.
         host_lag_ns: Longest oversleeping of the process meanwhile.
         baud_rate: Bit/s.
+        late_ns: How much later than usual the answers came, without that oversleeping.
     """
 
     purpose: Purpose
@@ -40,6 +41,7 @@ class Outcome:
     ended_ns: int
     host_lag_ns: int
     baud_rate: int
+    late_ns: int = 0
 
     @property
     def received_bytes(self) -> int:

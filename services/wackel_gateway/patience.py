@@ -68,6 +68,13 @@ class Patience:
         """Time that so many bytes take on the wire."""
         return int(length * self.byte_ns)
 
+    def late_ns(self, expectation: Expectation, took_ns: int) -> int:
+        """How much later than usual answers came that took so long after the instruction's end;
+        0 if that is as usual, or nothing is."""
+        if self._single.mean_ns is None:
+            return 0
+        return max(0, took_ns - self.limit_ns(expectation) + int(self._grace_ns))
+
     def limit_ns(self, expectation: Expectation) -> int:
         """From the last byte of the instruction until waiting is over."""
         if expectation.broadcast_ping:

@@ -13,6 +13,7 @@ _REASONS: dict[Refusal, str] = {
     "implausible": "values that are no numbers, or beyond all measure",
     "late": "stamps of the past",
     "ahead": "stamps of the future",
+    "uncertain": "stamps of doubtful accuracy, since answers were late",
     "repeated": "the same stamp twice",
     "flood": "more samples than it can have taken",
 }

@@ -201,6 +201,20 @@ def test_a_value_that_cannot_be_is_refused_with_its_source(value: float) -> None
     ]
 
 
+@pytest.mark.parametrize("late_s", [0.005, 1e9, math.inf, math.nan])
+def test_a_state_of_doubtful_time_is_left_out(late_s: float) -> None:
+    aligned = alignment()
+    aligned.bus_state("main", state(0))
+    moved_on = state(14)
+    moved_on.stamp, moved_on.late_s = state(10).stamp, late_s
+    aligned.bus_state("main", moved_on)
+    aligned.bus_state("main", state(20))
+    (step,) = steps(aligned)
+    assert ends([step]) == [20]
+    assert step.wheel_rate == pytest.approx([RATE, RATE])
+    assert aligned.refused == [("bus/main", "uncertain")]
+
+
 def test_one_stamp_of_the_future_is_refused_and_time_goes_on() -> None:
     aligned = alignment()
     aligned.bus_state("main", state(0))

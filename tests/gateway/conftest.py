@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from time import sleep
 from typing import Literal
 
 import msgspec
@@ -28,6 +29,13 @@ class Bus:
 
     config: BusConfig
     link: Link
+    process: subprocess.Popen[bytes]
+
+    def stall(self, seconds: float) -> None:
+        """Holds everything back, as an adapter or its driver may do."""
+        self.process.send_signal(signal.SIGSTOP)
+        sleep(seconds)
+        self.process.send_signal(signal.SIGCONT)
 
     def inject(self, kind: str, servo: int | None = None, value: float | None = None) -> None:
         self._ask("inject", Injection(kind=kind, servo=servo, value=value))
@@ -63,7 +71,7 @@ def bus(rendezvous: Rendezvous, bus_config: BusConfig, tmp_path: Path) -> Iterat
             link.watch_alive(lambda name, _: alive.append(name))
             wait_until(lambda: "virtual/main" in alive, 10, lambda: link.pump(0.02))
             wait_until(Path(bus_config.port).is_symlink)
-            yield Bus(bus_config, link)
+            yield Bus(bus_config, link, process)
     finally:
         process.terminate()
         process.wait(5)

@@ -47,6 +47,18 @@ def test_late_answers_make_it_more_patient_within_a_limit_and_for_a_while() -> N
     assert patience.limit_ns(PING) <= before + 1 * MS
 
 
+def test_it_is_told_by_how_much_answers_are_later_than_usual() -> None:
+    took_ns = 300_000 + learned().wire_ns(CYCLE.total_bytes)
+    assert Patience(1_000_000).late_ns(CYCLE, took_ns + 40 * MS) == 0  # nothing is usual yet
+    patience = learned()
+    assert patience.late_ns(CYCLE, took_ns) == 0
+    assert patience.late_ns(CYCLE, took_ns - 1 * MS) == 0
+    assert 7 * MS < patience.late_ns(CYCLE, took_ns + 8 * MS) <= 8 * MS
+    for _ in range(20):
+        patience.completed(CYCLE, took_ns + 8 * MS)
+    assert patience.late_ns(CYCLE, took_ns + 8 * MS) == 0  # it is usual now
+
+
 def test_a_broadcast_ping_waits_for_all_slots_as_the_vendor_does() -> None:
     # Thesis, 2.5: 789 ms at 2 Mbit/s.
     assert abs(Patience(2_000_000).limit_ns(ALL) - 789.6 * MS) < 1 * MS

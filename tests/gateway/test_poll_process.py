@@ -32,6 +32,24 @@ def test_all_servos_are_read_at_the_configured_rate(bus: Bus, start_gateway: Sta
     assert all(servo.position is not None for servo in whole.servos)
 
 
+def test_a_state_that_came_late_says_so(bus: Bus, start_gateway: StartGateway) -> None:
+    gateway = start_gateway(msgspec.structs.replace(bus.config, rate=50.0))
+    gateway.wait_until(gateway.answering(IDS))
+    gateway.states.clear()
+    gateway.wait_until(lambda: len(gateway.states) >= 100)
+    late = [state for state in gateway.states if state.late_s > 0.001]
+    assert len(late) < 10  # beside other load
+    gateway.states.clear()
+
+    def came_late() -> bool:
+        bus.stall(0.012)
+        gateway.link.pump(0.1)
+        return any(state.late_s > 0.004 for state in gateway.states)
+
+    gateway.wait_until(came_late)
+    assert all(state.late_s < 1.0 for state in gateway.states)
+
+
 def test_slow_registers_come_between_the_cycles(bus: Bus, start_gateway: StartGateway) -> None:
     gateway = start_gateway(bus.config)
 
