@@ -72,8 +72,8 @@ class Observed:
     """Means over a block.
 
     Attributes:
-        heading: Of each wheel as shown, rad, shape (n,).
-        told: As told.
+        heading: Of each wheel, rad, shape (n,): as shown, as much later as wheels follow.
+        told: As told, likewise.
         speed: At which each wheel would have rolled without any load, m/s.
         rolled: At which it did.
         yaw: The gyros' rate, rad/s.
@@ -109,9 +109,10 @@ def observe(block: Block, rows: Rows) -> Observed | None:
     between, intervals = 0.5 * (rolled[:-1] + rolled[1:]), len(block) - 1
     turned = float(yaws[-1].mean()) ** 2 - float(yaws[0].mean()) ** 2
     hastened = float(end.speed.dot(end.speed) - begin.speed.dot(begin.speed))
+    late = rows.lag_s / seconds * (block[-1][0].heading - block[0][0].heading)
     return Observed(
-        _mean([step.heading for step, _, _, _ in block]),
-        _mean([target.heading for _, target, _, _ in block]),
+        _mean([step.heading for step, _, _, _ in block]) - late,
+        _mean([target.heading for _, target, _, _ in block]) - late,
         _mean([target.speed for _, target, _, _ in block])
         + HASTENING_S / seconds * (end.speed - begin.speed),
         _mean(rolled),

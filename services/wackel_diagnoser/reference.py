@@ -318,7 +318,8 @@ class Reference:
             now = chosen[kind]
             if now != self._chosen[kind]:
                 self._state[-1, part] = self._state[now, part]
-            self._lags_s[-1, part] = _refined(self._misses[kind], now)
+            misses = self._misses[kind] - self._slowed if kind else self._misses[kind]
+            self._lags_s[-1, part] = _refined(misses, now)
         self._chosen = chosen
 
     def _learn(self, step: Step, learnt_s: float, middle: Floats) -> None:
