@@ -118,7 +118,7 @@ def test_a_wrong_zero_is_named_with_its_angle_and_excluded(count: int) -> None:
 def test_a_zero_that_was_wrong_from_the_start_is_not_learnt_as_usual() -> None:
     rig = Rig.of("tune22/fast/3/2", 3)
     rig.inject("steering_reference_error", "w0", math.radians(9))
-    rig.drive(40.0)
+    rig.drive(50.0)
     assert rig.active() == [("steering_reference", "wheel/w0/steering")]
 
 
