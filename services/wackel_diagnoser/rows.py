@@ -56,13 +56,13 @@ a step later: tyres and drives follow within 50 ms, and not evenly. What nobody 
 turn, but the gyro's."""
 UNKNOWN = 3.0
 """How much worse than configured calibration may be before driving has shown it."""
-LOADED = 0.05
+LOADED = 0.04
 """Slip by speed when tyres are loaded with all their grip, of which SHARED differs from wheel to
 wheel: soft tyres creep by 2 % of the speed. With half the load they creep by half of that, and so
 much more alike that a quarter differs."""
 HOLDS_M_S2 = 6.5
 """Acceleration at which they skid: rubber on a smooth floor. A command that jumps asks for more,
-and the robot is late by the rest."""
+and the robot is late by the rest, long after wheels roll and stand as they should."""
 REGULAR = 1e-9 * np.eye(3)
 """For drives whose rows do not determine the twist."""
 SLOWEST = 0.01
@@ -217,10 +217,10 @@ class Rows:
         if turning <= both:
             self._inverse = np.asarray(np.linalg.inv(straight.T @ straight + REGULAR))
         self._gyro_before = self._turned = self._no_gyros
-        self._unknown = self._told = [math.nan] * len(rolls)
-        # By how much wheels are ahead of the robot, m/s; and the references' yaw rate, and by how
-        # much that has changed of late, rad/s.
-        self._skid, self._told_yaw, self._asked = 0.0, math.nan, 0.0
+        # The references' yaw rate, and by how much that has changed of late, rad/s.
+        self._told_yaw, self._asked = math.nan, 0.0
+        # What tyres have given the robot of the twist that wheels make: m/s, m/s, rad/s.
+        self._given: tuple[float, float, float] | None = None
         self.every: Bools = np.ones(self.count, dtype=np.bool_)
         self._untold: Bools = np.arange(self.count) < self.gyros.stop
         self.calibrate(self._calibration[: self.gyros.stop])
@@ -278,7 +278,7 @@ class Rows:
         else:
             rows = drive.known_rows(stands) if whole else _any_rows(drive, stands)
             forced, mean, followed = self._no_constraints, 0.0, _NO_TWIST
-            self._told, self._skid = self._unknown, 0.0
+            self._given = None
             off, present = self._no_steering, self._untold
             missed = speeds = yielded = self._no_rolls
         h = self._h.copy()
@@ -301,7 +301,7 @@ class Rows:
         lagging = self._no_slides
         if len(lag) == len(sliding):
             lagging = [each * late for each, late in zip(sliding, lag, strict=True)]
-        creep = self._hastened(speeds, target.twist, speed, dt) if target.known else 0.0
+        creep = self._hastened(followed, mean, speed, dt) if target.known else 0.0
         mean += creep
         gaps, slides = target.heading_gap, len(sliding)
         # While wheels turn, their references contradict each other: they really slip.
@@ -384,17 +384,35 @@ class Rows:
         most = ASKED * self._asked
         return [min(a, b, most) for a, b in zip(now, before, strict=True)]
 
-    def _hastened(self, told: list[float], twist: Floats, speed: float, dt: float) -> float:
-        """How much all slip since the command hastens the robot, m/s; 0 if it is not known."""
-        before, self._told = self._told, told
-        vx, vy, omega = twist.tolist()
-        hastened = math.dist(told, before) / (math.sqrt(max(len(told), 1)) * dt)
-        held = math.hypot(omega * vx, omega * vy, hastened) / HOLDS_M_S2
-        if not held >= 0.0:
-            self._skid = 0.0
+    def _hastened(self, followed: Floats, mean: float, speed: float, dt: float) -> float:
+        """How much all slip since wheels hasten the robot, m/s; 0 if it is not known.
+
+        Args:
+            followed: Twist that the wheels make, shape (3,).
+            mean: How much they slip against each other, m/s. Beyond what tyres creep with all their
+                grip, it takes its share of that: a tyre pushes against the way in which it slips.
+            speed: The fastest wheel's, m/s.
+            dt: Of the step, s.
+        """
+        x, y, omega = followed.tolist()
+        if self._given is None or not math.isfinite(x + y + omega):
+            self._given = (x, y, omega) if math.isfinite(x + y + omega) else None
             return 0.0
-        self._skid = max(0.0, self._skid + (hastened - HOLDS_M_S2) * dt)
-        return LOADED * min(held * held, 1.0) * speed + self._skid
+        before_x, before_y, before_omega = self._given
+        # Left alone, it goes straight on over the floor.
+        turned = before_omega * dt
+        gone_x, gone_y = before_x + turned * before_y, before_y - turned * before_x
+        asked = math.hypot(x - gone_x, y - gone_y, self._drive.length_m * (omega - before_omega))
+        whole, creeps = HOLDS_M_S2 * dt, LOADED * speed
+        fight = max(mean - creeps, 0.0)
+        given = min(asked, whole * asked / math.hypot(asked, fight) if fight else whole)
+        share = given / asked if asked else 1.0
+        self._given = (
+            gone_x + share * (x - gone_x),
+            gone_y + share * (y - gone_y),
+            before_omega + share * (omega - before_omega),
+        )
+        return creeps * (given / whole) ** 2 + asked - given
 
     def _slip(self, rows: Floats, speeds: Floats) -> tuple[list[float], float, Floats]:
         """How much the references contradict each other, m/s: by which each row may be off, and on

@@ -122,6 +122,25 @@ def test_wheels_that_are_calibrated_badly_may_turn_the_robot_otherwise_than_they
     assert unsure[1] == pytest.approx(3.0 * unsure[0], rel=0.01)
 
 
+def test_the_robot_goes_on_as_it_did_long_after_wheels_point_elsewhere() -> None:
+    """At 1.5 m/s they turn by 57° in 0.1 s; tyres need 0.2 s for what that asks of them."""
+    moving = Moving(steered_drive(3))
+    moving.command()
+    target = moving.shown().target._replace(speed=np.full(3, 1.5))
+    skids = []
+    for angle in [*[0.0] * 30, *np.linspace(0.0, 1.0, 11), *[1.0] * 30]:
+        begin, end = STEP_NS * len(skids), STEP_NS * (len(skids) + 1)
+        rate = 1.5 / moving.layout.drive.roll_radius
+        step = Step(begin, end, np.full(3, angle), np.zeros(3), rate, np.zeros(1))
+        told = target._replace(heading=np.full(3, angle), turned=np.zeros(3))
+        skids.append(moving.rows.measure(step, told, np.zeros(1), [0.0] * 3).creep)
+    turned = 30 + 10
+    assert skids[29] < 0.001
+    assert skids[turned] == pytest.approx(2.0 * 1.5 * math.sin(0.5) - 6.5 * 0.1, rel=0.15)
+    assert skids[turned + 5] > 0.3
+    assert skids[turned + 15] < 0.1
+
+
 def test_a_gyro_that_jumps_while_nobody_turns_is_held_against_the_wheels_at_once() -> None:
     unsure = []
     for omega in (0.0, 0.5):
