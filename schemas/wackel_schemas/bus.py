@@ -54,6 +54,8 @@ class Transaction(Message, kw_only=True):
         response_times: One for each intact status packet of an expected servo.
         host_lag_ns: By how much the host itself was late in this transaction (longest
             oversleeping of the process), to tell its hiccups from bus trouble.
+        late_ns: How much later the answers came than usual ones of this bus (mean and four mean
+            deviations), without that; 0 if they were not late, or nothing came.
         baud_rate: Bit/s.
     """
 
@@ -68,6 +70,7 @@ class Transaction(Message, kw_only=True):
     baud_rate: int
     response_times: list[ResponseTime] = []
     host_lag_ns: int = 0
+    late_ns: int = 0
 
     def received(self) -> bytes:
         """All the bytes that came, as one string."""

@@ -152,6 +152,12 @@ FAULT_CODES: dict[str, FaultCode] = {
         "info",
         heal_s=5.0,
     ),
+    "adapter_lag": FaultCode(
+        "{component} held answers back now and then; its cables and servos are not to blame.",
+        "Plug it into a port of its own, without a hub; look into dmesg; exchange its USB cable.",
+        "info",
+        heal_s=5.0,
+    ),
     # What servos say of themselves.
     "undervoltage": FaultCode(
         "{component} reports that its input voltage is out of limits.",
@@ -478,7 +484,7 @@ EXPLAINS: dict[str, frozenset[str]] = {
     ),
     "noise": frozenset({"packet_loss", "crc_errors", "stray_data"}),
     "return_delay": frozenset({"slow_servo"}),
-    "latency_timer": frozenset({"slow_servo"}),
+    "latency_timer": frozenset({"slow_servo", "adapter_lag"}),
     "gyro_silent": frozenset({"gyro_rate"}),
     "gyro_absent": frozenset({"gyro_silent", "gyro_rate"}),
 }

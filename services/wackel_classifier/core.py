@@ -6,14 +6,16 @@ looked at closely and concluded from at once; what time alone brings is conclude
 is the stamps of the transactions, so a recording gives the same reports as the robot.
 """
 
+from wackel_classifier.adapter_lag import HELD_NS, AdapterLag
 from wackel_classifier.alerts import CRC_ERROR, Alerts
 from wackel_classifier.chain import Chain
 from wackel_classifier.duplicates import Duplicates
 from wackel_classifier.explanations import explain
 from wackel_classifier.findings import Book, Finding
 from wackel_classifier.frozen import Frozen
-from wackel_classifier.host_lag import LATE_NS, SPOILS_NS
+from wackel_classifier.host_lag import SPOILS_NS
 from wackel_classifier.jammers import Jammers
+from wackel_classifier.lags import LATE_NS
 from wackel_classifier.loose_contact import Event, Mark
 from wackel_classifier.losses import Losses
 from wackel_classifier.reach import Reach
@@ -70,6 +72,7 @@ class BusClassifier:
         self._jammers = Jammers(bus)
         self._losses = Losses(chain, limits)
         self._timing = Timing(chain, config.return_delay_us)
+        self._adapter_lag = AdapterLag(bus)
         self._alerts = Alerts(chain, series)
         self._supply = Supply(chain, config.nominal_voltage)
         self._frozen = Frozen(chain, models)
@@ -120,6 +123,8 @@ class BusClassifier:
         quiet = True
         if data or transaction.expected:
             answers = request.reader.read(data)
+            if transaction.late_ns >= HELD_NS and answers.clean:
+                self._adapter_lag.late(transaction, self._now_ns)
             if (
                 answers.segments is None
                 and not request.concerns & self._attention
@@ -186,13 +191,14 @@ class BusClassifier:
             self._jammers.step(symptoms, stamp)
         news = bool(answers.unexpected) or before != self._jammers.findings()
         jammed = self._jammers.permanent is not None or symptoms.sign is Sign.SATURATED
-        late = self._hear_late(request, answers, stamp)
+        late_ids = [s.id for s in answers.unexpected if self._is_late(s.id, request)]
+        late = bool(late_ids)
+        self._adapter_lag.look(transaction, data, now_ns, late=late, incomplete=self._incomplete)
+        self._hear_late(late_ids, stamp)
         # Bytes of nobody are a jammer's, or of answers that come late and collide with others.
         known = jammed or late or self._late or self._jammers.rhythmic is not None
         self._late = late
-        missed, new, wrecked = self._hear(
-            request, symptoms, stamp, jammed=jammed, late=late, known=known
-        )
+        missed, new, wrecked = self._hear(request, symptoms, stamp, jammed=jammed, known=known)
         news = news or new
         if jammed:
             self._jammed_ns = now_ns
@@ -215,7 +221,6 @@ class BusClassifier:
         stamp: int,
         *,
         jammed: bool,
-        late: bool,
         known: bool,
     ) -> tuple[list[int], bool, bool]:
         """Who was heard in a transaction and who was not.
@@ -225,7 +230,6 @@ class BusClassifier:
             symptoms: Of the transaction.
             stamp: Of the transaction.
             jammed: Whether answers were destroyed by a permanent jammer.
-            late: Whether answers to earlier requests have come with them.
             known: Whether it is known whose the bytes of nobody are.
 
         Returns:
@@ -247,7 +251,7 @@ class BusClassifier:
                 if waiting >> position & 1:
                     news = True
                     reach.heard(heard, now_ns)
-                    self._answered(position, stamp, late=late)
+                    self._answered(position, stamp)
                 else:
                     heard.append(position)
                 continue
@@ -292,15 +296,13 @@ class BusClassifier:
             return self._losses.share
         return JAMMED_LOSS if request.single is None else JAMMED_SINGLE_LOSS
 
-    def _hear_late(self, request: Request, answers: Answers, stamp: int) -> bool:
-        """Whether there are answers to earlier requests, after which the host had given up."""
-        late = [s.id for s in answers.unexpected if self._is_late(s.id, request)]
-        for servo_id in late:
+    def _hear_late(self, late_ids: list[int], stamp: int) -> None:
+        """Servos have answered earlier requests, after which the host had given up."""
+        for servo_id in late_ids:
             position = self._chain.position[servo_id]
-            self._answered(position, stamp, late=True)
+            self._answered(position, stamp)
             if position in self._missed:
                 self._timing.late_answer(position, self._now_ns, stamp)
-        return bool(late)
 
     def _is_late(self, servo_id: int, request: Request) -> bool:
         """Whether an answer that is one too many is that to an earlier request."""
@@ -308,17 +310,18 @@ class BusClassifier:
             servo_id not in request.asked or self._incomplete
         )
 
-    def _answered(self, position: int, stamp: int, *, late: bool) -> None:
-        """One that was waited for has answered; ``late``: it was connected all the time."""
+    def _answered(self, position: int, stamp: int) -> None:
+        """One that was waited for has answered."""
         gone = self._reach.gone(position)
         now_ns = self._now_ns
+        held = self._adapter_lag.excuses(now_ns)  # it was connected all the time
         self._reach.answered(position, now_ns)
         interruption, self._reach.interrupted = self._reach.interrupted, None
         # What began while a jammer was there is its doing.
         began_ns = now_ns - (interruption.lasted_ns if interruption is not None else 0)
-        if interruption is not None and not late and began_ns > self._jammed_ns:
+        if interruption is not None and not held and began_ns > self._jammed_ns:
             self._losses.interrupted(interruption, stamp)
-        self._losses.recovered(position, stamp, passing=not (gone or late))
+        self._losses.recovered(position, stamp, passing=not (gone or held))
         self._losses.succeeded((position,))
 
     def _foreign(
@@ -430,6 +433,7 @@ class BusClassifier:
         if jammers.permanent is None:
             findings += self._losses.findings(now_ns)
         findings += self._timing.findings(now_ns, stamp)
+        findings += self._adapter_lag.findings(now_ns)
         findings += self._alerts.findings(now_ns, self._supply.settled_ns)
         alerts = self._alerts
         findings += self._supply.findings(alerts.complaining(), alerts.undervoltage(), stamp)

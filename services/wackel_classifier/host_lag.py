@@ -1,8 +1,7 @@
 """A late host: how much of what is late is its doing, and when it is a fault of its own."""
 
-from collections import deque
-
 from wackel_classifier.findings import Finding
+from wackel_classifier.lags import LAGS_WINDOW_NS, Lags
 from wackel_classifier.latency_timer import HELD_MOST_NS
 from wackel_protocols.dynamixel2.expectation import SLOWEST_NS
 from wackel_schemas import component
@@ -14,10 +13,6 @@ BUSY_START = 0.05
 """What makes an answer later than any servo needs. How often the host does is told by the share of
 the reads of many in which it overslept by so much, and by the share of the single answers that come
 later than any adapter holds them: both over so many, from a cautious start."""
-LATE_NS = 5_000_000
-"""Oversleeping that costs a whole cycle at 200 Hz."""
-LATE_TIMES = 3
-WINDOW_NS = 10_000_000_000
 SPOILS_NS = 200_000
 """Response times measured by a host that was late by so much say nothing about the servo."""
 
@@ -55,14 +50,13 @@ class HostLag:
         self.waits = 0
         self._overslept = _Share()
         self._beyond = _Share()
-        self._late: deque[tuple[int, int, int]] = deque(maxlen=LATE_TIMES)  # time, lag, stamp
+        self._lags = Lags()
 
     def overslept(self, lag_ns: int, now_ns: int, stamp: int) -> None:
         """The host was late by so much, at least :data:`SPOILS_NS`."""
         if lag_ns >= BUSY_LAG_NS:
             self._overslept.happened()
-        if lag_ns >= LATE_NS:
-            self._late.append((now_ns, lag_ns, stamp))
+        self._lags.add(lag_ns, now_ns, stamp)
 
     def busy(self, delay_ns: int) -> float:
         """A single answer came after so long; the share of them that the host makes late."""
@@ -75,18 +69,16 @@ class HostLag:
 
     def finding(self, now_ns: int) -> Finding | None:
         """Whether it is late so often that control suffers."""
-        late = self._late
-        while late and now_ns - late[0][0] > WINDOW_NS:
-            late.popleft()
-        if len(late) < LATE_TIMES:
+        since = self._lags.since(now_ns)
+        if since is None:
             return None
-        longest_ms = max(lag for _, lag, _ in late) / 1e6
+        longest_ms, times = self._lags.longest_ns / 1e6, len(self._lags)
         return Finding(
             "host_lag",
             component.bus(self._bus),
             0.95,
-            late[0][2],
-            f"the host overslept by up to {longest_ms:.1f} ms, {len(late)} times within "
-            f"{WINDOW_NS / 1e9:.0f} s",
+            since,
+            f"the host overslept by up to {longest_ms:.1f} ms, {times} times within "
+            f"{LAGS_WINDOW_NS / 1e9:.0f} s",
             {"longest_ms": round(longest_ms, 2)},
         )

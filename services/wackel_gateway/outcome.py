@@ -74,6 +74,7 @@ class Outcome:
             baud_rate=self.baud_rate,
             response_times=self._response_times(),
             host_lag_ns=self.host_lag_ns,
+            late_ns=self.late_ns,
         )
 
     def _response_times(self) -> list[ResponseTime]:

@@ -249,4 +249,40 @@ def test_an_adapter_that_passes_answers_on_late_has_no_loose_contact(late: bool)
         bus.take(packet.ping(1), [1], answers + ping if late else ping, purpose="ping")
         active.update(repeat(50, bus.read_all))
     codes = {code for code, _ in active}
-    assert codes == (set() if late else {"loose_contact"})
+    assert codes == ({"adapter_lag"} if late else {"loose_contact"})
+
+
+@pytest.mark.parametrize(("late_ns", "code"), [(2_000_000, None), (0, "loose_contact")])
+def test_who_answers_late_after_silence_had_been_held_back(late_ns: int, code: str | None) -> None:
+    """Also where what was held back first has been lost."""
+    bus = Bus(5)
+    repeat(20, bus.read_all)
+    active: set[tuple[str, str]] = set()
+    chunk = Chunk(at_ns=100_000 + 1_400_000 + late_ns, data=b"".join(map(answer, bus.ids)))
+    for _ in range(12):
+        repeat(2, lambda: bus.read_all(b""))
+        bus.read_all(late_ns=late_ns, chunks=[chunk])
+        active.update(repeat(20, bus.read_all))
+    assert {each for each, _ in active} == ({code} - {None})
+
+
+@pytest.mark.parametrize(("late_ns", "first_ns"), [(7_000_000, 8_000_000), (7_000_000, 1_000_000)])
+def test_an_adapter_that_stalls_is_told_unless_a_servo_is_slow(late_ns: int, first_ns: int) -> None:
+    bus = Bus(3)
+    data = [answer(servo_id) for servo_id in bus.ids]
+    chunks = [
+        Chunk(at_ns=100_000 + first_ns, data=data[0]),
+        Chunk(at_ns=8_500_000, data=b"".join(data[1:])),
+    ]
+    for _ in range(3):
+        bus.read_all(late_ns=late_ns, chunks=chunks)
+        told = repeat(30, bus.read_all)
+    assert told == ([("adapter_lag", "bus/main/adapter")] if first_ns > 5_000_000 else [])
+    assert repeat(1200, bus.read_all) == []
+
+
+def test_a_bus_that_becomes_slower_does_not_stall() -> None:
+    bus = Bus(3)
+    chunk = Chunk(at_ns=16_000_000, data=b"".join(map(answer, bus.ids)))
+    repeat(30, bus.read_all)
+    assert repeat(40, lambda: bus.read_all(late_ns=14_000_000, chunks=[chunk])) == []

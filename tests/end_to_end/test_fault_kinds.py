@@ -2,6 +2,9 @@
 
 import itertools
 import math
+import os
+import signal
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -163,6 +166,26 @@ def test_values_that_freeze_while_the_servos_are_moved_are_named_and_healed(
     wait_until(lambda: IN_MOTION.is_confirmed(robot, "main"), LIMIT_S, swing)
     IN_MOTION.heal(directory / "robot.toml", "main")
     wait_until(lambda: IN_MOTION.is_healed(robot, "main"), LIMIT_S, swing)
+
+
+def test_an_adapter_that_stalls_is_named_and_no_cable(robot: Robot) -> None:
+    """The process of the virtual bus stands still: to others that is an adapter that does."""
+    pid = robot.pids()["virtual/main"]
+    before = len(robot.heard)
+
+    def stall() -> None:
+        os.kill(pid, signal.SIGSTOP)
+        time.sleep(0.03)
+        os.kill(pid, signal.SIGCONT)
+        robot.listen(0.3)
+
+    lag = Case("", None, "adapter_lag", "adapter")
+    wait_until(lambda: lag.is_confirmed(robot, "main"), LIMIT_S, stall)
+    for _ in range(10):
+        stall()
+    told = {fault.code for heard in robot.heard[before:] for fault in heard.health.faults}
+    assert "loose_contact" not in told
+    robot.wait(lambda: lag.is_healed(robot, "main"), LIMIT_S)
 
 
 def test_faults_of_several_buses_at_once_are_named_each_on_its_own(tmp_path: Path) -> None:

@@ -1,0 +1,99 @@
+"""An adapter that stalls: answers of all servos come late though the host is awake.
+
+A USB hub that serves others, a cable with errors, or a driver holds them back, and with them the
+instructions. What is asked meanwhile seems lost, but no cable was open.
+"""
+
+from wackel_classifier.findings import Finding
+from wackel_classifier.lags import LAGS_WINDOW_NS, LATE_NS, Lags
+from wackel_protocols.dynamixel2.packet import STATUS_BYTES
+from wackel_schemas import component
+from wackel_schemas.bus import Transaction
+
+HELD_NS = 1_000_000
+"""Later than usual by a frame of full-speed USB: who answers now and was silent just before had
+been held back, too. One in some hundred answers is as late beside other load."""
+EXCUSED_NS = 300_000_000
+"""So long after a stall that cost a cycle, all who were silent are excused: those that seem to be
+gone are asked one by one, every tenth of a second."""
+APART_NS = 200_000_000
+"""From one stall to the next: a bus that has become slower is late until that is usual, which takes
+a dozen answers."""
+
+
+class AdapterLag:
+    """Follows it on one bus.
+
+    Args:
+        bus: Its name.
+    """
+
+    def __init__(self, bus: str) -> None:
+        self._bus = bus
+        self._lags = Lags()
+        self._silent_ns: int | None = None  # since when nothing at all has come
+        self._held_ns = -APART_NS
+        self._excuses_until_ns = -1
+
+    def late(self, transaction: Transaction, now_ns: int) -> None:
+        """All answers came as they should, but later than usual by at least :data:`HELD_NS`."""
+        # Where the first of them was not late, a servo among others is slow.
+        first_ns = transaction.chunks[0].at_ns - transaction.sent_ns
+        self._held(min(transaction.late_ns, first_ns), now_ns, transaction.stamp)
+
+    def look(
+        self, transaction: Transaction, data: bytes, now_ns: int, *, late: bool, incomplete: bool
+    ) -> None:
+        """At a transaction that is not as it should be, or that somebody waits for.
+
+        Args:
+            transaction: It.
+            data: What came.
+            now_ns: Classifier's time.
+            late: Whether there are answers to earlier requests among it.
+            incomplete: Whether an answer was missing in the one before.
+        """
+        if not incomplete:
+            self._silent_ns = None
+        # Answers that collided when all went on are no packets.
+        wrecks = not transaction.instruction and len(data) >= STATUS_BYTES
+        if self._silent_ns is not None and (late or wrecks):
+            self._held(now_ns - self._silent_ns, now_ns, transaction.stamp)
+        elif late:
+            self._held(HELD_NS, now_ns, transaction.stamp)
+        if data:
+            self._silent_ns = None
+        elif self._silent_ns is None:
+            self._silent_ns = now_ns
+
+    def _held(self, lag_ns: int, now_ns: int, stamp: int) -> None:
+        """What came had been held back for so long."""
+        if lag_ns < HELD_NS:
+            return
+        if now_ns - self._held_ns >= APART_NS:
+            self._lags.add(lag_ns, now_ns, stamp)
+        self._held_ns = now_ns
+        until_ns = now_ns + EXCUSED_NS if lag_ns >= LATE_NS else now_ns
+        self._excuses_until_ns = max(self._excuses_until_ns, until_ns)
+
+    def excuses(self, now_ns: int) -> bool:
+        """Whether what has been missed until now was held back, too."""
+        return now_ns <= self._excuses_until_ns
+
+    def findings(self, now_ns: int) -> list[Finding]:
+        """Whether it stalls so often that control suffers."""
+        since = self._lags.since(now_ns)
+        if since is None:
+            return []
+        longest_ms, times = self._lags.longest_ns / 1e6, len(self._lags)
+        return [
+            Finding(
+                "adapter_lag",
+                component.adapter(self._bus),
+                0.8,
+                since,
+                f"answers were held back for up to {longest_ms:.1f} ms, {times} times within "
+                f"{LAGS_WINDOW_NS / 1e9:.0f} s, while the host was awake",
+                {"longest_ms": round(longest_ms, 2)},
+            )
+        ]
