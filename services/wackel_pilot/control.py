@@ -6,6 +6,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from wackel_drive.layout import Layout, Servo
+from wackel_kinematics.array import Floats
+from wackel_kinematics.drive import Drive
 from wackel_kinematics.inverse import inverse
 from wackel_node.config_drive import DriveConfig
 from wackel_pilot.path import Twist
@@ -33,6 +35,7 @@ class Control:
             ]
         )
         self._steering = drive.steering(np.zeros(drive.n))
+        self._possible = _possible(drive)
 
     def step(self, twist: Twist) -> tuple[Twist, dict[str, list[ServoGoal]]]:
         """One cycle.
@@ -41,11 +44,12 @@ class Control:
             twist: What is wanted.
 
         Returns:
-            The twist that is commanded, slower where a servo could not follow, and the goals by
-            bus.
+            The twist that is commanded, without what the drive cannot do and slower where a servo
+            could not follow, and the goals by bus.
         """
         drive = self.layout.drive
-        motion = inverse(drive, np.array(twist), self._steering)
+        wanted = self._possible @ twist
+        motion = inverse(drive, wanted, self._steering)
         share = float(np.min(self._limits / np.maximum(np.abs(motion.wheel_rate), 1e-9)))
         slower = min(1.0, share)
         self._steering = motion.steering
@@ -70,5 +74,15 @@ class Control:
                 goals.setdefault(joint.servo.bus, []).append(
                     ServoGoal(id=joint.servo.id, velocity=joint.sign * rates[wheel])
                 )
-        vx, vy, omega = twist
-        return (slower * vx, slower * vy, slower * omega), goals
+        vx, vy, omega = (slower * wanted).tolist()
+        return (vx, vy, omega), goals
+
+
+def _possible(drive: Drive) -> Floats:
+    """What turns any twist into the nearest at which no wheel that cannot steer slides sideways,
+    shape (3, 3)."""
+    metric = np.array([1.0, 1.0, drive.length_m])  # all in m/s
+    wheels = drive.slide_wheels
+    slides = drive.rows(drive.steering(np.zeros(drive.n)))[: len(wheels)][~drive.steers[wheels]]
+    slides = slides / metric
+    return np.asarray((np.eye(3) - np.linalg.pinv(slides) @ slides) * metric / metric[:, None])

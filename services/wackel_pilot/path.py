@@ -44,7 +44,8 @@ def eight(speed: float, radius: float, acceleration: float) -> Path:
 
 
 def wander(speed: float, radius: float, acceleration: float, seed: int) -> Path:
-    """Never the same: mostly forward, also sideways, with turns of radius or wider."""
+    """Never the same: mostly forward, also sideways where the drive can, with turns of radius or
+    wider."""
     random = Random(f"{seed}/wander")
     along, across, turn = (_waves(random) for _ in range(3))
 

@@ -9,11 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.odometry.simulation import differential_drive, steered_drive
+from wackel_diagnoser.commands import CommandWatch
 from wackel_drive.layout import Layout, Servo
 from wackel_kinematics.forward import forward
-from wackel_node.config_drive import DriveConfig
+from wackel_node.config_drive import DriveConfig, WheelConfig
 from wackel_pilot.control import Control
 from wackel_schemas.bus import ServoGoal
+from wackel_schemas.drive import TwistCommand
 
 
 def motion_of(config: DriveConfig, goals: dict[str, list[ServoGoal]]) -> list[float]:
@@ -47,6 +49,16 @@ def mirrored() -> DriveConfig:
     return msgspec.structs.replace(drive, wheels=wheels)
 
 
+def tricycle() -> DriveConfig:
+    """Steered and driven in front; the axle is behind the origin."""
+    front = WheelConfig(name="front", x=0.3, y=0.0, radius=0.1, bus="main", drive=1, steering=2)
+    rear = [
+        WheelConfig(name=name, x=-0.2, y=y, radius=0.1, bus="main")
+        for name, y in (("left", 0.2), ("right", -0.2))
+    ]
+    return DriveConfig(kind="tricycle", wheels=[front, *rear])
+
+
 @pytest.mark.parametrize("config", [steered_drive(3), steered_drive(5), mirrored()])
 def test_the_goals_give_the_twist_that_was_wanted(config: DriveConfig) -> None:
     control = Control(config, {})
@@ -58,9 +70,19 @@ def test_the_goals_give_the_twist_that_was_wanted(config: DriveConfig) -> None:
 
 def test_a_differential_drive_gets_what_it_can_do() -> None:
     config = differential_drive()
-    _, goals = Control(config, {}).step((0.3, 0.5, 0.2))
-    vx, _, omega = motion_of(config, goals)
-    assert (vx, omega) == pytest.approx((0.3, 0.2))
+    commanded, goals = Control(config, {}).step((0.3, 0.5, 0.2))
+    assert commanded == pytest.approx((0.3, 0.0, 0.2))
+    assert motion_of(config, goals) == pytest.approx(commanded)
+
+
+@pytest.mark.parametrize("config", [differential_drive(), tricycle(), steered_drive(3)])
+@given(st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.floats(-4.0, 4.0)))
+def test_only_what_the_drive_can_do_is_commanded(
+    config: DriveConfig, twist: tuple[float, float, float]
+) -> None:
+    (vx, vy, omega), _ = Control(config, {}).step(twist)
+    complaint = CommandWatch(Layout(config)).look(TwistCommand(stamp=1, vx=vx, vy=vy, omega=omega))
+    assert complaint is None or complaint.code != "command_infeasible"
 
 
 def test_a_servo_that_could_not_follow_slows_the_whole_robot() -> None:
