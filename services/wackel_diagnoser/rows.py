@@ -56,10 +56,10 @@ a step later: tyres and drives follow within 50 ms, and not evenly. What nobody 
 turn, but the gyro's."""
 UNKNOWN = 3.0
 """How much worse than configured calibration may be before driving has shown it."""
-LOADED = 0.04
-"""Slip by speed when tyres are loaded with all their grip, of which SHARED differs from wheel to
-wheel: soft tyres creep by 2 % of the speed. With half the load they creep by half of that, and so
-much more alike that a quarter differs."""
+SKIDS = 0.12
+"""Slip by speed at which a tyre has spent all its grip and skids: rubber, by the brush model. With
+a share f of it, it creeps by 1 - (1 - f)^(1/3) of that, and the less it is loaded, the more all
+creep alike: f of that differs from wheel to wheel, and of this again SHARED is one wheel's."""
 HOLDS_M_S2 = 6.5
 """Acceleration at which they skid: rubber on a smooth floor. A command that jumps asks for more,
 and the robot is late by the rest, long after wheels roll and stand as they should."""
@@ -403,8 +403,8 @@ class Rows:
         turned = before_omega * dt
         gone_x, gone_y = before_x + turned * before_y, before_y - turned * before_x
         asked = math.hypot(x - gone_x, y - gone_y, self._drive.length_m * (omega - before_omega))
-        whole, creeps = HOLDS_M_S2 * dt, LOADED * speed
-        fight = max(mean - creeps, 0.0)
+        whole, skids = HOLDS_M_S2 * dt, SKIDS * speed
+        fight = max(mean - skids, 0.0)
         given = min(asked, whole * asked / math.hypot(asked, fight) if fight else whole)
         share = given / asked if asked else 1.0
         self._given = (
@@ -412,7 +412,8 @@ class Rows:
             gone_y + share * (y - gone_y),
             before_omega + share * (omega - before_omega),
         )
-        return creeps * (given / whole) ** 2 + asked - given
+        load = given / whole
+        return skids * load * (1.0 - math.cbrt(1.0 - load)) + asked - given
 
     def _slip(self, rows: Floats, speeds: Floats) -> tuple[list[float], float, Floats]:
         """How much the references contradict each other, m/s: by which each row may be off, and on

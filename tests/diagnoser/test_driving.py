@@ -62,6 +62,13 @@ def test_friction_learnt_at_low_speed_is_not_believed_at_a_higher_one() -> None:
     assert rig.reports == []
 
 
+def test_a_tyre_that_spends_all_its_grip_is_no_fault_of_its_wheel() -> None:
+    """The outer wheel of a robot that turns as quickly as it can slips by a tenth."""
+    rig = Rig.of("alarms/311", 3, physics="mujoco", driving="hard", lag_s=0.0219)
+    rig.drive(65.0)
+    assert [each.code for each in rig.reports if each.component != component.COMMAND] == []
+
+
 def test_wheels_that_pull_each_other_are_no_fault_of_the_gyro() -> None:
     """Some skid for it, and turn the robot otherwise than they show, by a twelfth."""
     rig = Rig.of("alarms/2748", 4, physics="mujoco", worse=3.0, driving="circles")
