@@ -123,7 +123,7 @@ class BusClassifier:
         quiet = True
         if data or transaction.expected:
             answers = request.reader.read(data)
-            if transaction.late_ns >= HELD_NS and answers.clean:
+            if transaction.late_ns >= HELD_NS and data and answers.clean:
                 self._adapter_lag.late(transaction, self._now_ns)
             if (
                 answers.segments is None

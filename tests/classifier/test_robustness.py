@@ -61,6 +61,7 @@ TRANSACTIONS = st.builds(
     baud_rate=st.integers(-1, 10_000_000),
     response_times=st.lists(st.builds(ResponseTime, id=IDS, ns=NS), max_size=8),
     host_lag_ns=NS,
+    late_ns=NS,
 )
 
 

@@ -78,6 +78,7 @@ def _transactions() -> Iterator[dict[str, Any]]:
     yield sound | {"instruction": _random.randbytes(2000)}
     yield sound | {"chunks": [{"at_ns": 1, "data": _random.randbytes(20_000)}]}
     yield sound | {"response_times": [{"id": 1, "ns": -(2**63)}] * 100, "host_lag_ns": 2**63 - 1}
+    yield sound | {"late_ns": 2**63 - 1}
 
 
 def _states() -> Iterator[dict[str, Any]]:
