@@ -5,7 +5,7 @@ instructions. What is asked meanwhile seems lost, but no cable was open.
 """
 
 from wackel_classifier.findings import Finding
-from wackel_classifier.lags import LAGS_WINDOW_NS, LATE_NS, Lags
+from wackel_classifier.lags import LATE_NS, Lags
 from wackel_protocols.dynamixel2.packet import STATUS_BYTES
 from wackel_schemas import component
 from wackel_schemas.bus import Transaction
@@ -29,8 +29,8 @@ class AdapterLag:
     """
 
     def __init__(self, bus: str) -> None:
-        self._bus = bus
-        self._lags = Lags()
+        what = "the host was awake, but answers were held back for"
+        self._lags = Lags("adapter_lag", component.adapter(bus), 0.8, what)
         self._silent_ns: int | None = None  # since when nothing at all has come
         self._held_ns = -APART_NS
         self._excuses_until_ns = -1
@@ -82,18 +82,4 @@ class AdapterLag:
 
     def findings(self, now_ns: int) -> list[Finding]:
         """Whether it stalls so often that control suffers."""
-        since = self._lags.since(now_ns)
-        if since is None:
-            return []
-        longest_ms, times = self._lags.longest_ns / 1e6, len(self._lags)
-        return [
-            Finding(
-                "adapter_lag",
-                component.adapter(self._bus),
-                0.8,
-                since,
-                f"answers were held back for up to {longest_ms:.1f} ms, {times} times within "
-                f"{LAGS_WINDOW_NS / 1e9:.0f} s, while the host was awake",
-                {"longest_ms": round(longest_ms, 2)},
-            )
-        ]
+        return self._lags.findings(now_ns)

@@ -1,7 +1,7 @@
 """A late host: how much of what is late is its doing, and when it is a fault of its own."""
 
 from wackel_classifier.findings import Finding
-from wackel_classifier.lags import LAGS_WINDOW_NS, Lags
+from wackel_classifier.lags import Lags
 from wackel_classifier.latency_timer import HELD_MOST_NS
 from wackel_protocols.dynamixel2.expectation import SLOWEST_NS
 from wackel_schemas import component
@@ -46,11 +46,10 @@ class HostLag:
     """
 
     def __init__(self, bus: str) -> None:
-        self._bus = bus
         self.waits = 0
         self._overslept = _Share()
         self._beyond = _Share()
-        self._lags = Lags()
+        self._lags = Lags("host_lag", component.bus(bus), 0.95, "the host overslept by")
 
     def overslept(self, lag_ns: int, now_ns: int, stamp: int) -> None:
         """The host was late by so much, at least :data:`SPOILS_NS`."""
@@ -67,18 +66,6 @@ class HostLag:
             self._beyond.happened()
         return max(self._overslept.value, self._beyond.value)
 
-    def finding(self, now_ns: int) -> Finding | None:
+    def findings(self, now_ns: int) -> list[Finding]:
         """Whether it is late so often that control suffers."""
-        since = self._lags.since(now_ns)
-        if since is None:
-            return None
-        longest_ms, times = self._lags.longest_ns / 1e6, len(self._lags)
-        return Finding(
-            "host_lag",
-            component.bus(self._bus),
-            0.95,
-            since,
-            f"the host overslept by up to {longest_ms:.1f} ms, {times} times within "
-            f"{LAGS_WINDOW_NS / 1e9:.0f} s",
-            {"longest_ms": round(longest_ms, 2)},
-        )
+        return self._lags.findings(now_ns)

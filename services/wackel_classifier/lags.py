@@ -2,37 +2,52 @@
 
 from collections import deque
 
+from wackel_classifier.findings import Finding
+
 LATE_NS = 5_000_000
 """A whole cycle at 200 Hz."""
-LAGS_TIMES = 3
-LAGS_WINDOW_NS = 10_000_000_000
+TIMES = 3
+WINDOW_NS = 10_000_000_000
 
 
 class Lags:
-    """The latest of them.
+    """The latest of one kind.
 
-    Its length is how many there were within the window.
+    Args:
+        code: Of the fault that several of them are.
+        component: Path of what is late.
+        confidence: That it is to blame.
+        what: It did, for how long: ``overslept by``.
     """
 
-    def __init__(self) -> None:
-        self._latest: deque[tuple[int, int, int]] = deque(maxlen=LAGS_TIMES)  # time, lag, stamp
-
-    def __len__(self) -> int:
-        return len(self._latest)
-
-    @property
-    def longest_ns(self) -> int:
-        """Of these."""
-        return max((lag for _, lag, _ in self._latest), default=0)
+    def __init__(self, code: str, component: str, confidence: float, what: str) -> None:
+        self._code = code
+        self._component = component
+        self._confidence = confidence
+        self._what = what
+        self._latest: deque[tuple[int, int, int]] = deque(maxlen=TIMES)  # time, lag, stamp
 
     def add(self, lag_ns: int, now_ns: int, stamp: int) -> None:
         """Something was late by so much; what costs no cycle does not count."""
         if lag_ns >= LATE_NS:
             self._latest.append((now_ns, lag_ns, stamp))
 
-    def since(self, now_ns: int) -> int | None:
-        """Stamp of the first of several within the window; ``None`` if they are fewer."""
+    def findings(self, now_ns: int) -> list[Finding]:
+        """Whether there were so many of late that control suffers."""
         latest = self._latest
-        while latest and now_ns - latest[0][0] > LAGS_WINDOW_NS:
+        while latest and now_ns - latest[0][0] > WINDOW_NS:
             latest.popleft()
-        return latest[0][2] if len(latest) == LAGS_TIMES else None
+        if len(latest) < TIMES:
+            return []
+        longest_ms = max(lag for _, lag, _ in latest) / 1e6
+        return [
+            Finding(
+                self._code,
+                self._component,
+                self._confidence,
+                latest[0][2],
+                f"{self._what} up to {longest_ms:.1f} ms, {TIMES} times within "
+                f"{WINDOW_NS / 1e9:.0f} s",
+                {"longest_ms": round(longest_ms, 2)},
+            )
+        ]

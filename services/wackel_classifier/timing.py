@@ -205,9 +205,8 @@ class Timing:
 
     def findings(self, now_ns: int, stamp: int) -> list[Finding]:
         """What is slow, and why."""
-        late_host = self.host.finding(now_ns)
         wrong = self._wrong_registers()
-        findings = [late_host, *wrong] if late_host is not None else [*wrong]
+        findings = [*self.host.findings(now_ns), *wrong]
         known = self._adapter.since
         latency = self._adapter.finding(stamp)
         if latency is not None:
