@@ -8,6 +8,8 @@ LATE_NS = 5_000_000
 """A whole cycle at 200 Hz."""
 TIMES = 3
 WINDOW_NS = 10_000_000_000
+"""A computer that does much else is late now and then, once in minutes; so often control suffers.
+"""
 
 
 class Lags:
@@ -17,7 +19,7 @@ class Lags:
         code: Of the fault that several of them are.
         component: Path of what is late.
         confidence: That it is to blame.
-        what: It did, for how long: ``overslept by``.
+        what: It did, to be followed by how long: ``the host overslept by``.
     """
 
     def __init__(self, code: str, component: str, confidence: float, what: str) -> None:
@@ -28,7 +30,13 @@ class Lags:
         self._latest: deque[tuple[int, int, int]] = deque(maxlen=TIMES)  # time, lag, stamp
 
     def add(self, lag_ns: int, now_ns: int, stamp: int) -> None:
-        """Something was late by so much; what costs no cycle does not count."""
+        """Something was late by ``lag_ns``; what costs no cycle does not count.
+
+        Args:
+            lag_ns: By how much.
+            now_ns: Classifier's time.
+            stamp: Of the transaction, UTC ns.
+        """
         if lag_ns >= LATE_NS:
             self._latest.append((now_ns, lag_ns, stamp))
 

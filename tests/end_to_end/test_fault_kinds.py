@@ -4,7 +4,6 @@ import itertools
 import math
 import os
 import signal
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -175,7 +174,7 @@ def test_an_adapter_that_stalls_is_named_and_no_cable(robot: Robot) -> None:
 
     def stall() -> None:
         os.kill(pid, signal.SIGSTOP)
-        time.sleep(0.03)
+        robot.listen(0.03)  # so long nothing answers: what is tested, not a wait
         os.kill(pid, signal.SIGCONT)
         robot.listen(0.3)
 
