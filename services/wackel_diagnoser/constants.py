@@ -152,7 +152,7 @@ class Constants:
         seconds = (last.step.end - first.step.end) / 1e9
         turned = last.step.heading - first.step.heading
         turned = np.where(self._steers, turned.take(self._slide_wheels), 0.0)
-        faster = (last.target.speed - first.target.speed) / seconds
+        faster = np.subtract(last.target.speed, first.target.speed) / seconds
         if not whole:
             turned, faster = np.nan_to_num(turned), np.nan_to_num(faster)
         causes[slides, self.steering_lag] = lag = own * turned / seconds

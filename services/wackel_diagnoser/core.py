@@ -175,7 +175,7 @@ class Diagnoser:
         learning = calm and self._steps_made % LEARN_EVERY == 0
         learnt_s = seconds * LEARN_EVERY if learning else 0.0
         target = self._reference.step(step, learnt_s)
-        loads = self._efforts.loads(seconds, target.speed.tolist())
+        loads = self._efforts.loads(seconds, target.speed)
         measured = rows.measure(step, target, self._bias.value, loads)
         variance = measured.base * self._sensors.factors
         variance += measured.fixed
@@ -208,7 +208,7 @@ class Diagnoser:
         evidence = measured, variance, efforts
         changed = self._verdicts.step(step, target, evidence, likelihood, currents)
         if self._steps_made % LOOK_EVERY == 0 and (rolling := self._efforts.rolling()) is not None:
-            self._idle.step(seconds * LOOK_EVERY, target.speed.tolist(), rolling)
+            self._idle.step(seconds * LOOK_EVERY, target.speed, rolling)
         messages: list[Message] = []
         if changed or self._to_examine(step.end):
             messages += self._examine(step.end)

@@ -80,12 +80,12 @@ class Display:
             step.heading,
             step.wheel_rate,
             goal,
-            target.twist,
+            np.array(target.twist),
             sum(gyro) / len(gyro) if gyro else math.nan,
         )
         return Residuals(
             stamp=step.end,
-            commanded=target.twist.tolist() if target.known else None,
+            commanded=list(target.twist) if target.known else None,
             candidates=self._paper.candidates(judged),
             signature=self._paper.signature(judged),
             steps=self._paper.steps(judged),

@@ -112,12 +112,12 @@ class Efforts:
                 self._torque[at] = servo.torque_enabled
                 self._some_off = any(self._torque) and False in self._torque
 
-    def step(self, seconds: float, speed: Floats, learnt_s: float, *, needed: bool) -> Floats:
+    def step(self, seconds: float, speeds: list[float], learnt_s: float, *, needed: bool) -> Floats:
         """A step has passed.
 
         Args:
             seconds: Its length.
-            speed: What each roll row should have rolled at, m/s.
+            speeds: What each roll row should have rolled at, m/s.
             learnt_s: For how much driving without a fault it stands; 0: nothing can be learnt.
             needed: Whether the result is.
 
@@ -127,7 +127,6 @@ class Efforts:
         """
         if self._some_off or any(self.off_s):
             self._watch_torque(seconds)
-        speeds = speed.tolist()
         before, self._speed = self._speed, speeds
         if not (needed or learnt_s) or before is None:
             return self._unknown

@@ -100,7 +100,7 @@ def observe(block: Block, rows: Rows) -> Observed | None:
     yaws, rolled = z[:, rows.gyros], z[:, rows.rolls]
     if not yaws.size:
         return None
-    begin, end = block[0][1], block[-1][1]
+    begin, end = np.array(block[0][1].speed), np.array(block[-1][1].speed)
     first, last = block[0][2].followed, block[-1][2].followed
     vx, vy, omega = (0.5 * (first + last)).tolist()
     seconds = (block[-1][0].end - block[0][0].end) / 1e9
@@ -108,13 +108,12 @@ def observe(block: Block, rows: Rows) -> Observed | None:
     current = np.array([current for _, _, _, current in block[:-1]])
     between, intervals = 0.5 * (rolled[:-1] + rolled[1:]), len(block) - 1
     turned = float(yaws[-1].mean()) ** 2 - float(yaws[0].mean()) ** 2
-    hastened = float(end.speed.dot(end.speed) - begin.speed.dot(begin.speed))
+    hastened = float(end.dot(end) - begin.dot(begin))
     late = rows.lag_s / seconds * (block[-1][0].heading - block[0][0].heading)
     return Observed(
         _mean([step.heading for step, _, _, _ in block]) - late,
         _mean([target.heading for _, target, _, _ in block]) - late,
-        _mean([target.speed for _, target, _, _ in block])
-        + HASTENING_S / seconds * (end.speed - begin.speed),
+        _mean([target.speed for _, target, _, _ in block]) + HASTENING_S / seconds * (end - begin),
         _mean(rolled),
         float(yaws.sum()) / yaws.size,
         (last - first) / seconds + np.array([-omega * vy, omega * vx, 0.0]),
@@ -130,7 +129,7 @@ def observe(block: Block, rows: Rows) -> Observed | None:
     )
 
 
-def _mean(values: Sequence[Floats] | Floats) -> Floats:
+def _mean(values: Sequence[Floats] | Sequence[list[float]] | Floats) -> Floats:
     return np.asarray(np.add.reduce(values) / len(values))
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -53,7 +54,7 @@ class History:
         """Share of the time in which a wheel stood though it should roll; ``None``: unknown."""
         driven = stood = 0
         for moment in self._moments:
-            should = abs(float(moment.target.speed[roll]))
+            should = abs(moment.target.speed[roll])
             if moment.end >= since and should > DRIVING_M_S:
                 driven += 1
                 stood += abs(float(moment.rolled[roll])) < STANDING * should
@@ -62,7 +63,7 @@ class History:
     def steering_frozen(self, wheel: int, since: int) -> bool:
         """Whether a steering stood although it was told to move."""
         told = [m.target.heading[wheel] for m in self._moments if m.end >= since]
-        shown = [m.heading[wheel] for m in self._moments if m.end >= since]
+        shown = [float(m.heading[wheel]) for m in self._moments if m.end >= since]
         if not told:
             return False
         moved, followed = _spread(told), _spread(shown)
@@ -79,7 +80,7 @@ class History:
         return sum(known) / len(known) if known else 0.0
 
 
-def _spread(values: list[Floats]) -> float:
+def _spread(values: Sequence[float]) -> float:
     series = np.array(values)
     series = series[np.isfinite(series)]
     return float(np.ptp(series)) if len(series) else 0.0

@@ -12,19 +12,18 @@ import numpy as np
 
 from wackel_diagnoser.bank import Bank
 from wackel_diagnoser.hypotheses import Hypotheses
-from wackel_diagnoser.reference import Target
+from wackel_diagnoser.reference import Target, Twist
 from wackel_diagnoser.rows import Rows
 from wackel_diagnoser.sequential import INDEPENDENT, LEAD, MEMORY_S, threshold
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
-from wackel_kinematics.array import Floats
 from wackel_kinematics.inverse import inverse
 from wackel_node.config_drive import DriveConfig, GyroConfig
 
 RATE = 100.0
 SPEED = 0.5
 """m/s: walking pace of a small robot."""
-MOTIONS: dict[str, tuple[float, float, float]] = {
+MOTIONS: dict[str, Twist] = {
     "straight ahead": (SPEED, 0.0, 0.0),
     "sideways": (0.0, SPEED, 0.0),
     "a circle of 1 m": (SPEED, 0.0, SPEED),
@@ -72,7 +71,7 @@ class Isolability:
         self._bank = Bank(self._hypotheses.spread)
         self._limit = threshold(len(self._hypotheses), RATE)
 
-    def motions(self) -> dict[str, tuple[float, float, float]]:
+    def motions(self) -> dict[str, Twist]:
         """Those that the drive can do."""
         drive = self._layout.drive
         return {
@@ -88,9 +87,9 @@ class Isolability:
         names = [hypotheses.each[i].components[0] for i in hypotheses.singles.tolist()]
         return [name for name in dict.fromkeys(names) if "/" in name]
 
-    def look(self, fault: str, twist: tuple[float, float, float]) -> Visibility:
+    def look(self, fault: str, twist: Twist) -> Visibility:
         """How a fault shows in a motion."""
-        step, target = self._moving(np.array(twist))
+        step, target = self._moving(twist)
         step = self._with(step, fault)
         bias, unloaded = np.zeros(len(self._gyros)), [0.0] * len(target.speed)
         rows = Rows(self._layout, self._config, self._gyros)
@@ -115,19 +114,24 @@ class Isolability:
         ]
         return Visibility(seen_s, tuple(like))
 
-    def _moving(self, twist: Floats) -> tuple[Step, Target]:
+    def _moving(self, twist: Twist) -> tuple[Step, Target]:
         """A step without a fault, and what it should have been."""
         drive = self._layout.drive
-        motion = inverse(drive, twist, drive.steering(np.zeros(drive.n)))
+        motion = inverse(drive, np.array(twist), drive.steering(np.zeros(drive.n)))
         heading = np.where(drive.steers, drive.heading(motion.steering), np.nan)
         shown = np.where(drive.steers, heading, 0.0)
         rates = np.full(drive.n, np.nan)
         rates[drive.roll_wheels] = motion.wheel_rate[drive.roll_wheels]
-        nanoseconds, still = round(1e9 / RATE), np.zeros(drive.n)
-        step = Step(0, nanoseconds, heading, still, rates, np.full(len(self._gyros), twist[2]))
-        speed = drive.roll_radius * motion.wheel_rate[drive.roll_wheels]
-        gaps, speed_gaps = [0.0] * drive.n, [0.0] * len(speed)
-        return step, Target(heading, still, gaps, speed, speed_gaps, speed_gaps, shown, twist)
+        nanoseconds, still = round(1e9 / RATE), [0.0] * drive.n
+        step = Step(
+            0, nanoseconds, heading, np.array(still), rates, np.full(len(self._gyros), twist[2])
+        )
+        speed = (drive.roll_radius * motion.wheel_rate[drive.roll_wheels]).tolist()
+        on_time = [0.0] * len(speed)
+        target = Target(
+            heading.tolist(), still, still, speed, on_time, on_time, shown.tolist(), twist
+        )
+        return step, target
 
     def _with(self, step: Step, fault: str) -> Step:
         place = self._hypotheses.place(fault)

@@ -25,7 +25,7 @@ from wackel_diagnoser.forced import (
     can_force,
     observe,
 )
-from wackel_diagnoser.reference import Target
+from wackel_diagnoser.reference import Target, Twist
 from wackel_diagnoser.rows import Measured, Rows
 from wackel_diagnoser.scaling import Scaling
 from wackel_diagnoser.sequential import threshold
@@ -204,7 +204,7 @@ class ReferenceErrors:
         self._gather(told.reshape(self._evidence.shape), block[-1][1].twist, stands_for)
         return True
 
-    def _gather(self, told: Floats, twist: Floats, stands_for: float) -> None:
+    def _gather(self, told: Floats, twist: Twist, stands_for: float) -> None:
         """Adds the evidence of a block to that of its direction; what speaks against an error, to
         all."""
         along = np.abs(self._directions @ twist)

@@ -265,13 +265,13 @@ class Rows:
         # One sum tells whether anything is missing, which is rare.
         whole = math.isfinite(sum(stands) + sum(lag) + sum(rolled) + sum(turning))
         if target.known:
-            told, speeds = target.heading.tolist(), target.speed.tolist()
+            told, speeds = target.heading, target.speed
             # Wheels follow what they are told as late as what encoders show.
-            aimed, turned = self._mounted.copy(), target.turned.tolist()
+            aimed, turned = self._mounted.copy(), target.turned
             for i in steered:
                 aimed[i] = told[i] + zeros[i] - late * turned[i]
             rows = drive.known_rows(stands, aimed) if whole else _any_rows(drive, stands, aimed)
-            forced, mean, followed = self._slip(rows[1], target.speed)
+            forced, mean, followed = self._slip(rows[1], speeds)
             off, present = [heading[i] - told[i] for i in steered], self.every
             yielded = [-self.gives_way * load for load in loads]
             missed = [*map(sub, map(sub, rolled, speeds), yielded)]
@@ -415,15 +415,15 @@ class Rows:
         load = given / whole
         return skids * load * (1.0 - math.cbrt(1.0 - load)) + asked - given
 
-    def _slip(self, rows: Floats, speeds: Floats) -> tuple[list[float], float, Floats]:
+    def _slip(self, rows: Floats, speeds: list[float]) -> tuple[list[float], float, Floats]:
         """How much the references contradict each other, m/s: by which each row may be off, and on
         average; and the twist that they make."""
         inverse = self._inverse
         if inverse is None:
             inverse = np.asarray(np.linalg.inv(rows.T @ rows + REGULAR))
-        twist = inverse.dot(speeds.dot(rows[self.rolls]))
+        twist = inverse.dot(np.array(speeds).dot(rows[self.rolls]))
         slip: list[float] = rows.dot(twist).tolist()
-        for row, speed in enumerate(speeds.tolist(), start=self.rolls.start):
+        for row, speed in enumerate(speeds, start=self.rolls.start):
             slip[row] -= speed
         mean = math.sqrt(sum([each * each for each in slip]) / len(slip))
         return [FORCED * abs(each) for each in slip], mean, twist

@@ -63,7 +63,8 @@ class Soundness:
         self._rows = rows
         self._parts: list[_Part] = []
         self._seconds = self._travelled = 0.0
-        self._heading_then = self._told_before = np.zeros(0)
+        self._heading_then: Floats = np.zeros(0)
+        self._told_before: list[float] = []
 
     def begin(self, components: tuple[str, ...], step: Step, target: Target) -> None:
         """These are named from a step on."""
@@ -97,10 +98,10 @@ class Soundness:
         before, self._told_before = self._told_before, target.heading
         contrary, shows = evidence > CONTRARY, True
         for part in self._parts:
-            told = float(target.speed[part.roll]) if part.roll >= 0 else 0.0
+            told = target.speed[part.roll] if part.roll >= 0 else 0.0
             shows &= part.roll < 0 or abs(told) > MOVING_M_S
             if part.steers:
-                turned = abs(float(target.heading[part.wheel] - before[part.wheel]))
+                turned = abs(target.heading[part.wheel] - before[part.wheel])
                 # Half turns are the same direction.
                 self._travelled += turned if turned < 1.0 else 0.0
                 moved = abs(float(step.heading[part.wheel] - self._heading_then[part.wheel]))

@@ -273,7 +273,7 @@ class Verdicts:
         """Which wheels do what they are told."""
         rolls = self._rows.rolls
         self._standing.step(
-            target.speed.tolist(),
+            target.speed,
             measured.z[rolls].tolist(),
             step.seconds,
             measured.present[rolls].tolist(),

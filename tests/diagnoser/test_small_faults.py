@@ -52,14 +52,14 @@ class Driven:
         yaw = twist[2] + self.bias + self._rng.normal(0.0, 0.002)
         zeros = np.zeros(n)
         target = Target(
-            heading,
-            np.zeros(n),
+            heading.tolist(),
             [0.0] * n,
-            speed,
+            [0.0] * n,
+            speed.tolist(),
             [0.0] * len(speed),
             [0.0] * len(speed),
-            heading,
-            twist,
+            heading.tolist(),
+            (twist[0], twist[1], twist[2]),
         )
         step = Step(
             begin, self._now, heading + self.off, zeros, rates * self.scale, np.array([yaw])

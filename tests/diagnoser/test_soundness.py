@@ -52,10 +52,8 @@ class Named:
         return Step(0, round(1e9 * STEP_S), *(np.full(3, self._told),) * 3, np.zeros(1))
 
     def _target(self, speed: float) -> Target:
-        told = np.full(3, self._told)
-        return Target(
-            told, np.zeros(3), [0.0] * 3, np.full(3, speed), [0.0] * 3, [0.0] * 3, told, np.zeros(3)
-        )
+        told, nothing = [self._told] * 3, [0.0] * 3
+        return Target(told, nothing, nothing, [speed] * 3, nothing, nothing, told, (0.0, 0.0, 0.0))
 
 
 DRIVE, STEERING = component.wheel_drive("w1"), component.wheel_steering("w1")
