@@ -14,7 +14,7 @@ from wackel_diagnoser.display import Display
 from wackel_diagnoser.efforts import Efforts
 from wackel_diagnoser.findings import Findings, excluded
 from wackel_diagnoser.gyro_bias import GyroBias
-from wackel_diagnoser.history import History, Moment
+from wackel_diagnoser.history import History
 from wackel_diagnoser.hypotheses import Hypotheses
 from wackel_diagnoser.idle import IdleMotors
 from wackel_diagnoser.reference import Reference
@@ -88,7 +88,7 @@ class Diagnoser:
         self._efforts = Efforts(layout)
         self._idle = IdleMotors(len(layout.drive.roll_wheels), RATE / LOOK_EVERY)
         self._references = ReferenceErrors(layout, rows)
-        self._history = History()
+        self._history = History(rows)
         self._verdicts = Verdicts(
             layout,
             hypotheses,
@@ -189,7 +189,6 @@ class Diagnoser:
             sequential.forget()
         driven_s = learnt_s if moving else 0.0
         efforts = self._efforts.step(seconds, target.speed, driven_s, needed=not calm)
-        self._history.add(Moment(step.end, step.heading, measured.z[rows.rolls], target))
         if learning:
             self._learn(measured, variance, learnt_s, moving)
         currents = self._efforts.currents
@@ -201,6 +200,7 @@ class Diagnoser:
         ):
             self._correct()
         shown = Shown(step, target, measured, self._bias.value, currents)
+        self._history.add(shown)
         self._small.step(shown, calm=calm)
         rows.lag_s, rows.gives_way = self._small.lag_s, self._small.gives_way
         if learning:

@@ -2,13 +2,12 @@
 
 import math
 from collections import deque
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from wackel_diagnoser.reference import Target
-from wackel_kinematics.array import Floats
+from wackel_diagnoser.constants import Shown
+from wackel_diagnoser.rows import Rows
 
 STANDING = 0.1
 """Share of its commanded speed below which a wheel stands."""
@@ -24,46 +23,35 @@ MOVED_RAD = 0.02
 MOST_STEPS = 300
 
 
-class Moment(NamedTuple):
-    """One step of all wheels.
+class History:
+    """The last :data:`MOST_STEPS` steps.
 
-    Attributes:
-        end: Stamp.
-        heading: Measured, rad, shape (n,).
-        rolled: Measured, m/s, by roll row.
-        target: What they should have done.
+    Args:
+        rows: How their measurements are numbered.
     """
 
-    end: int
-    heading: Floats
-    rolled: Floats
-    target: Target
+    def __init__(self, rows: Rows) -> None:
+        self._first_roll = rows.rolls.start
+        self._steps: deque[Shown] = deque(maxlen=MOST_STEPS)
 
-
-class History:
-    """The last :data:`MOST_STEPS` steps."""
-
-    def __init__(self) -> None:
-        self._moments: deque[Moment] = deque(maxlen=MOST_STEPS)
-
-    def add(self, moment: Moment) -> None:
+    def add(self, shown: Shown) -> None:
         """The newest."""
-        self._moments.append(moment)
+        self._steps.append(shown)
 
     def standing_share(self, roll: int, since: int) -> float | None:
         """Share of the time in which a wheel stood though it should roll; ``None``: unknown."""
         driven = stood = 0
-        for moment in self._moments:
-            should = abs(moment.target.speed[roll])
-            if moment.end >= since and should > DRIVING_M_S:
+        for shown in self._since(since):
+            should = abs(shown.target.speed[roll])
+            if should > DRIVING_M_S:
                 driven += 1
-                stood += abs(float(moment.rolled[roll])) < STANDING * should
+                stood += abs(float(shown.measured.z[self._first_roll + roll])) < STANDING * should
         return stood / driven if driven else None
 
     def steering_frozen(self, wheel: int, since: int) -> bool:
         """Whether a steering stood although it was told to move."""
-        told = [m.target.heading[wheel] for m in self._moments if m.end >= since]
-        shown = [float(m.heading[wheel]) for m in self._moments if m.end >= since]
+        told = [each.target.heading[wheel] for each in self._since(since)]
+        shown = [float(each.step.heading[wheel]) for each in self._since(since)]
         if not told:
             return False
         moved, followed = _spread(told), _spread(shown)
@@ -72,12 +60,15 @@ class History:
     def off(self, wheel: int, since: int) -> float:
         """Mean of how far a steering stands off its reference, rad; 0 if unknown."""
         apart = [
-            float(m.heading[wheel] - m.target.heading[wheel])
-            for m in self._moments
-            if m.end >= since
+            float(each.step.heading[wheel] - each.target.heading[wheel])
+            for each in self._since(since)
         ]
         known = [each for each in apart if math.isfinite(each)]
         return sum(known) / len(known) if known else 0.0
+
+    def _since(self, since: int) -> Iterator[Shown]:
+        """Those that ended at a stamp or after it."""
+        return (shown for shown in self._steps if shown.step.end >= since)
 
 
 def _spread(values: Sequence[float]) -> float:

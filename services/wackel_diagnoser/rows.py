@@ -9,9 +9,9 @@ calibration: it is constant, so that hours of one motion say nothing of the next
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from operator import add, sub
+from typing import NamedTuple
 
 import numpy as np
 
@@ -77,8 +77,7 @@ MOVING_M_S = 0.05
 _NO_TWIST: Floats = np.full(3, np.nan)
 
 
-@dataclass
-class Measured:
+class Measured(NamedTuple):
     """Rows of a step; a missing one has z = 0, h = 0 and size = 0, so that it says nothing.
 
     Attributes:

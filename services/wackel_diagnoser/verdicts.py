@@ -173,6 +173,8 @@ class Verdicts:
         sequential, explanations = self._sequential, self._hypotheses.explanations
         verdict, small = sequential.verdict, self._small.found
         proposal = sequential.proposal()
+        if proposal is None and small is None and not verdict:  # as mostly
+            return False
         if proposal in self._of_gyros:
             proposal = self._unless_strained(proposal)
         is_small = False
