@@ -178,21 +178,24 @@ class Rows:
                     (CREEP**2, 0.0, wander, angle, (0.5 * CREEP) ** 2),  # in every step
                     (0.0, 0.0, density, 0.0, 0.0),  # by 1/dt
                     (0.0, quantum, 0.0, 0.0, quantum),  # by 1/dt²
-                    *(nothing,) * 3,
+                    *(nothing,) * 4,
                 ),
                 # Size of a fault.
                 per_row(
                     (SLOWEST, SLOWEST, TREMBLE, 1.0, SLOWEST),
                     *(nothing,) * 2,
                     (1.0, 1.0, YAW / drive.length_m, 0.0, 1.0),  # by speed
-                    *(nothing,) * 2,
+                    *(nothing,) * 3,
                 ),
                 # What all slip.
                 per_row(
                     *(nothing,) * 4,
                     (SHARED, SHARED, YAWING / drive.length_m, 0.0, SHARED),  # by mean slip
                     (0.0, 0.0, 0.0, 0.0, 1.0),  # by droop
+                    nothing,
                 ),
+                # How calibration turns the robot: by the square of speed, see calibrate().
+                per_row(*(nothing,) * 7),
             )
         )
         # By the square of what each row shows: how far drives follow, and calibration.
@@ -237,7 +240,8 @@ class Rows:
         rate, squares of standard deviations."""
         self._calibration[: self.gyros.stop] = squares
         mean = float(np.add.reduce(squares[: self._constraints])) / self._constraints
-        self._turns = (YAWING / self._drive.length_m) ** 2 * mean
+        turns = self._causes[3 * self.count :, -1]
+        turns[self.gyros] = (YAWING / self._drive.length_m) ** 2 * mean
 
     def measure(self, step: Step, target: Target, bias: Floats, loads: Iterable[float]) -> Measured:
         """The rows of a step.
@@ -330,6 +334,7 @@ class Rows:
                 speed,
                 mean,
                 droop,
+                speed * speed,
             ],
             np.float64,
         )
@@ -340,7 +345,7 @@ class Rows:
         return Measured(
             values[: self.count],
             h,
-            *self._variances(values, causes, speed),
+            *self._variances(values, causes),
             size,
             yielded,
             speed,
@@ -349,25 +354,22 @@ class Rows:
             followed,
         )
 
-    def _variances(
-        self, values: Floats, causes: Floats, speed: float
-    ) -> tuple[Floats, Floats, Floats]:
+    def _variances(self, values: Floats, causes: Floats) -> tuple[Floats, Floats, Floats]:
         """Of sensors, of calibration, and what the manoeuvre adds.
 
         Args:
-            values: What rows measure and show, and what is forced or late, shape (3 M + 6,).
-            causes: Noise, sizes of faults, and slip, shape (3 M,).
-            speed: The fastest wheel's, m/s.
+            values: What rows measure and show, and what is forced or late, shape (3 M + 7,).
+            causes: Noise, sizes of faults, slip, and how the robot turns, shape (4 M,).
         """
         count = self.count
         squares, loose = values[count : 2 * count], values[2 * count : 3 * count]
         squares *= squares
         base = squares * self._follows
         base += causes[:count]
-        loose += causes[2 * count :]
+        loose += causes[2 * count : 3 * count]
         loose *= loose
         fixed = squares * self._calibration
-        fixed[self.gyros] += self._turns * speed * speed
+        fixed += causes[3 * count :]
         return base, fixed, loose
 
     def _changed(self, turning: list[float], told: float) -> list[float]:
