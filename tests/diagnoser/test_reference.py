@@ -5,24 +5,25 @@ import math
 import numpy as np
 import pytest
 
-from tests.odometry.simulation import steered_drive
+from tests.odometry.simulation import differential_drive, steered_drive
 from wackel_diagnoser.reference import Reference
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
+from wackel_node.config_drive import DriveConfig
 from wackel_schemas.drive import TwistCommand
 
 STEP_S = 0.01
-N = 3
 
 
 class Straight:
     """A robot that drives ahead, whose wheels follow what they are told with a lag."""
 
-    def __init__(self) -> None:
-        config = steered_drive(N)
+    def __init__(self, config: DriveConfig) -> None:
         layout = Layout(config)
         self.reference = Reference(layout, config)
         self._radius = float(layout.drive.roll_radius[0])
+        self._n = layout.drive.n
+        self._heading = np.where(layout.drive.steers, 0.0, np.nan)
         self._speed = 0.0
         self._now_ns = 1_000_000_000
 
@@ -34,9 +35,9 @@ class Straight:
             moved = -missing * math.expm1(-STEP_S / lag_s)
             mean = speed - lag_s / STEP_S * moved
             self._speed += moved
-            rate = np.full(N, mean / self._radius)
+            rate = np.full(self._n, mean / self._radius)
             self.reference.command(TwistCommand(stamp=begin, vx=speed, vy=0.0, omega=0.0))
-            step = Step(begin, self._now_ns, np.zeros(N), np.zeros(N), rate, np.zeros(1))
+            step = Step(begin, self._now_ns, self._heading, self._heading, rate, np.zeros(1))
             self.reference.step(step, STEP_S)
 
     def shuttle(self, seconds: float, lag_s: float) -> None:
@@ -45,15 +46,16 @@ class Straight:
             self.drive(0.3 * (-1) ** turn, 0.5, lag_s)
 
 
+@pytest.mark.parametrize("config", [steered_drive(3), differential_drive()], ids=["3", "2 fixed"])
 @pytest.mark.parametrize("lag_s", [0.015, 0.023, 0.05, 0.057, 0.12, 0.15])
-def test_the_lag_of_a_drive_is_learnt(lag_s: float) -> None:
-    robot = Straight()
+def test_the_lag_of_a_drive_is_learnt(config: DriveConfig, lag_s: float) -> None:
+    robot = Straight(config)
     robot.shuttle(5.0, lag_s)
     assert robot.reference.lags_s[1] == pytest.approx(lag_s, rel=0.05)
 
 
 def test_one_start_after_a_rest_makes_no_drive_late() -> None:
-    robot = Straight()
+    robot = Straight(steered_drive(3))
     robot.shuttle(5.0, 0.05)
     robot.drive(0.0, 60.0, 0.05)
     robot.drive(0.3, 1.0, 0.066)
@@ -61,7 +63,7 @@ def test_one_start_after_a_rest_makes_no_drive_late() -> None:
 
 
 def test_a_drive_that_became_slower_is_followed() -> None:
-    robot = Straight()
+    robot = Straight(steered_drive(3))
     robot.shuttle(5.0, 0.05)
     robot.shuttle(15.0, 0.12)
     assert robot.reference.lags_s[1] == pytest.approx(0.12, rel=0.05)
