@@ -45,7 +45,7 @@ class _Draws:
 
     def direction(self) -> float:
         """Of travel, rad."""
-        return self.between(-math.pi, math.pi) if self._sideways else self.either() * math.pi / 2
+        return self.between(-math.pi, math.pi) if self._sideways else math.acos(self.either())
 
     def either(self) -> float:
         """1 or -1."""
