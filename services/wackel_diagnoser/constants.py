@@ -8,8 +8,9 @@ eliminated, so that wheels and gyros are compared with each other only.
 
 import math
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
-from typing import NamedTuple
+from itertools import accumulate, pairwise
+from operator import sub
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -56,6 +57,9 @@ class Shown(NamedTuple):
     measured: Measured
     bias: Floats
     current: Sequence[float]
+
+
+Block: TypeAlias = Sequence[Shown]
 
 
 class Constants:
@@ -131,82 +135,126 @@ class Constants:
         self._longer = np.full(rows.count, LONGER)
         self._longer[rows.gyros] *= LATE
 
-    def equations(self, block: Sequence[Shown]) -> tuple[Floats, Floats]:
-        """Information, shape (P, P), and right side, shape (P,), of a block of several steps."""
-        rows, n = self._rows, len(block)
-        first, last, (_, _, measured, bias, _) = block[0], block[-1], block[n // 2]
-        z = np.add.reduce([shown.measured.z for shown in block]) / n
-        present = measured.present
-        whole = all(shown.measured.present is rows.every for shown in block)  # as mostly
-        if not whole:
-            present = np.logical_and.reduce([shown.measured.present for shown in block])
-        loose = self._longer * measured.loose
+    def equations(self, blocks: Sequence[Block]) -> tuple[Floats, Floats]:
+        """Information, shape (P, P), and right side, shape (P,), of B blocks of several steps."""
+        rows, seen = self._rows, _seen(blocks, self._rows)
+        loose = self._longer * np.array([block[len(block) // 2].measured.loose for block in blocks])
         information, right = np.zeros((self.count, self.count)), np.zeros(self.count)
 
         # Wheels and gyros: each row has a parameter of its own, and shares the lags.
         end, moving, slides, rolls = rows.gyros.stop, self._moving, rows.slides, rows.rolls
-        rolled = z[rolls]
-        own = rolled[self._rolls] * self._rolls_itself if len(rolled) else self._rolls_itself
-        causes = np.zeros((end, moving))
-        causes.flat[:: moving + 1] = np.concatenate((-own, rolled, np.ones(len(bias))))
-        seconds = (last.step.end - first.step.end) / 1e9
-        turned = last.step.heading - first.step.heading
-        turned = np.where(self._steers, turned.take(self._slide_wheels), 0.0)
-        faster = np.subtract(last.target.speed, first.target.speed) / seconds
-        if not whole:
-            turned, faster = np.nan_to_num(turned), np.nan_to_num(faster)
-        causes[slides, self.steering_lag] = lag = own * turned / seconds
-        causes[rolls, self.rolling_lag] = faster
-        seen = z[:end].copy()
-        seen[slides] += rows.lag_s * lag
-        seen[rows.gyros] += bias
-        h = np.add.reduce([shown.measured.h for shown in block])[:end] / n
+        z, count = seen.z[:, :end], len(blocks)
+        rolled = z[:, rolls]
+        under = rolled.take(self._rolls, axis=1) if rolled.size else np.ones((count, 1))
+        own = self._rolls_itself * under
+        bias = np.array([block[len(block) // 2].bias for block in blocks])
+        causes = np.zeros((count, end, moving))
+        own_causes = np.concatenate((-own, rolled, np.ones(bias.shape)), axis=1)
+        causes.reshape(count, -1)[:, :: moving + 1] = own_causes
+        turned = np.where(self._steers, seen.turned.take(self._slide_wheels, axis=1), 0.0)
+        causes[:, slides, self.steering_lag] = lag = own * turned / seen.seconds
+        causes[:, rolls, self.rolling_lag] = seen.faster
+        shown = z.copy()
+        shown[:, slides] += rows.lag_s * lag
+        shown[:, rows.gyros] += bias
+        h = seen.h[:, :end]
         # What turns far meanwhile is not on average what its mean direction makes it.
         bent = own * turned * turned / 12.0
-        weight = present[:end] / (self._noise + loose[:end] + float(bent.dot(bent)))
-        weighted = h * weight[:, None]
-        estimate = np.linalg.inv(weighted.T @ h + REGULAR) @ weighted.T
-        causes[rows.gyros, self.askew] = estimate @ z[:end]
+        noise = self._noise + loose[:, :end] + np.vecdot(bent, bent)[:, None]
+        weight = seen.present[:, :end] / noise
+        weighted = h * weight[..., None]
+        across = weighted.swapaxes(1, 2)
+        estimate = np.linalg.inv(across @ h + REGULAR) @ across
+        causes[:, rows.gyros, self.askew] = (estimate @ z[..., None])[:, None, :, 0]
         projection = -weighted @ estimate
-        projection.flat[:: end + 1] += weight
-        by_cause = projection @ causes
-        information[:moving, :moving] = causes.T @ by_cause
-        right[:moving] = seen @ by_cause
+        projection.reshape(count, -1)[:, :: end + 1] += weight
+        by_cause = (projection @ causes).reshape(-1, moving)
+        information[:moving, :moving] = causes.reshape(-1, moving).T @ by_cause
+        right[:moving] = shown.ravel() @ by_cause
 
-        self._against_references(block, (z, present, loose), faster, (information, right))
+        self._against_references(seen, loose, (information, right))
         return information, right
 
     def _against_references(
-        self,
-        block: Sequence[Shown],
-        seen: tuple[Floats, Bools, Floats],
-        faster: Floats,
-        equations: tuple[Floats, Floats],
+        self, seen: "_Seen", loose: Floats, equations: tuple[Floats, Floats]
     ) -> None:
         """Drives and steerings, each by itself.
 
         Args:
-            block: As above.
-            seen: All rows, which of them are there, and variances of what the manoeuvre adds.
-            faster: Acceleration of each drive's reference, m/s².
+            seen: What blocks say.
+            loose: Variances of what the manoeuvre adds, shape (B, M).
             equations: What they are added to.
         """
-        rows, n = self._rows, len(block)
-        (z, present, loose), (information, right) = seen, equations
-        yielded = np.add.reduce([shown.measured.yielded for shown in block]) / n
-        off, giving = z[rows.rolling] + yielded, self._giving
-        current = np.add.reduce([shown.current for shown in block]) / n
-        if not math.isfinite(sum(current.tolist())):
-            current = np.nan_to_num(current)
-        causes = np.zeros((len(off), len(off) + 2))
-        causes.flat[:: len(off) + 3] = z[rows.rolls] - off
-        causes[:, -2], causes[:, -1] = -current, -faster
-        weight = present[rows.rolling] / (SLIP_M_S**2 + loose[rows.rolling])
-        by_cause = causes * weight[:, None]
-        information[giving, giving] = causes.T @ by_cause
-        right[giving] = off @ by_cause
+        rows, (information, right), giving = self._rows, equations, self._giving
+        off = seen.z[:, rows.rolling] + seen.yielded
+        count, rolls = off.shape
+        causes = np.zeros((count, rolls, rolls + 2))
+        causes.reshape(count, -1)[:, :: rolls + 3] = seen.z[:, rows.rolls] - off
+        causes[..., -2], causes[..., -1] = -seen.current, -seen.faster
+        weight = seen.present[:, rows.rolling] / (SLIP_M_S**2 + loose[:, rows.rolling])
+        by_cause = (causes * weight[..., None]).reshape(-1, rolls + 2)
+        information[giving, giving] = causes.reshape(-1, rolls + 2).T @ by_cause
+        right[giving] = off.ravel() @ by_cause
 
         standing = self._standing
-        weight = present[rows.steering] / (STANDS_RAD**2 + loose[rows.steering])
-        information.flat[standing.start * (self.count + 1) :: self.count + 1] = weight
-        right[standing] = weight * z[rows.steering]
+        weight = seen.present[:, rows.steering] / (STANDS_RAD**2 + loose[:, rows.steering])
+        diagonal = information.reshape(-1)[standing.start * (self.count + 1) :: self.count + 1]
+        diagonal[:] = np.add.reduce(weight)
+        right[standing] = np.add.reduce(weight * seen.z[:, rows.steering])
+
+
+class _Seen(NamedTuple):
+    """What B blocks say.
+
+    Attributes:
+        z, h: Means of the rows, shapes (B, M) and (B, M, 3).
+        present: Which rows all steps of a block have, shape (B, M).
+        yielded: Mean by which each drive gave way, m/s, shape (B, R).
+        current: Mean of each rolling motor, A or share of load; 0 if unknown, shape (B, R).
+        seconds: From the first step's end to the last one's, shape (B, 1).
+        turned: By how much each wheel was steered meanwhile, rad, shape (B, n).
+        faster: Acceleration of each drive's reference, m/s², shape (B, R).
+    """
+
+    z: Floats
+    h: Floats
+    present: Bools
+    yielded: Floats
+    current: Floats
+    seconds: Floats
+    turned: Floats
+    faster: Floats
+
+
+def _seen(blocks: Sequence[Block], rows: Rows) -> _Seen:
+    lengths = [len(block) for block in blocks]
+    starts = [end - length for end, length in zip(accumulate(lengths), lengths, strict=True)]
+    number = np.array(lengths)[:, None]
+    each = [shown for block in blocks for shown in block]
+    measured = [shown.measured for shown in each]
+
+    def mean(values: Sequence[Floats] | Sequence[Sequence[float]]) -> Floats:
+        return np.asarray(np.add.reduceat(np.array(values), starts) / number)
+
+    pairs = [(block[0], block[-1]) for block in blocks]
+    seconds = np.array([[last.step.end - first.step.end] for first, last in pairs]) / 1e9
+    turned = np.array([last.step.heading - first.step.heading for first, last in pairs])
+    faster = np.array([[*map(sub, b.target.speed, a.target.speed)] for a, b in pairs]) / seconds
+    present = np.ones((len(blocks), rows.count), dtype=np.bool_)
+    if not all(one.present is rows.every for one in measured):
+        present = np.logical_and.reduceat([one.present for one in measured], starts)
+        turned, faster = np.nan_to_num(turned), np.nan_to_num(faster)
+    current = mean([shown.current for shown in each])
+    if not math.isfinite(float(current.sum())):
+        current = np.nan_to_num(current)
+    h = mean([one.h.ravel() for one in measured]).reshape(len(blocks), rows.count, 3)
+    return _Seen(
+        mean([one.z for one in measured]),
+        h,
+        present,
+        mean([one.yielded for one in measured]),
+        current,
+        seconds,
+        turned,
+        faster,
+    )

@@ -135,7 +135,9 @@ class SmallFaults:
         for name, least in ACCURATE.items():
             accurate[getattr(constants, name)] = least
         self._accurate: Floats = np.diag(accurate**2)
-        self._yaws = YAWING / layout.drive.length_m
+        creeps = np.zeros(constants.count)
+        creeps[constants.gyro] = YAWING / layout.drive.length_m
+        self._creeps: Floats = np.diag(creeps**2)
         self._prior = np.diag(constants.prior)
         # By parameter: only rows on the twist contradict each other, less the three that it takes.
         self._forced = np.zeros(constants.count)
@@ -159,8 +161,8 @@ class SmallFaults:
         self.found: Change | None = None
         self._before: list[str] = []
         self._block: list[Shown] = []
-        self._block_s = self._look_s = 0.0
-        self._look = _Sums(self._constants.count)
+        self._blocks: list[list[Shown]] = []
+        self._block_s = self._look_s = self._creep = 0.0
         self._looks: deque[tuple[Floats, Floats, float, bool]] = deque()
         self._windows = [_Sums(self._constants.count) for _ in WINDOWS]
 
@@ -170,20 +172,18 @@ class SmallFaults:
         self._block_s += shown.step.seconds
         if self._block_s < BLOCK_S or len(self._block) < LEAST_STEPS:
             return
-        self._look.add(
-            *self._constants.equations(self._block), shown.measured.creep * self._block_s
-        )
+        self._blocks.append(self._block)
+        self._creep += shown.measured.creep * self._block_s
         self._look_s += self._block_s
         self._block, self._block_s = [], 0.0
         if self._look_s >= LOOK_S:
-            seconds, look = self._look_s, self._look
-            self._look, self._look_s = _Sums(self._constants.count), 0.0
-            moving = shown.measured.speed > MOVING_M_S
-            self._take(look, seconds, calm=calm, moving=moving)
+            self._take(calm=calm, moving=shown.measured.speed > MOVING_M_S)
 
-    def _take(self, look: _Sums, seconds: float, *, calm: bool, moving: bool) -> None:
+    def _take(self, *, calm: bool, moving: bool) -> None:
         """Looks once."""
-        information, right, creep = look.information, look.right, look.creep / seconds
+        information, right = self._constants.equations(self._blocks)
+        seconds, creep = self._look_s, self._creep / self._look_s
+        self._blocks, self._look_s, self._creep = [], 0.0, 0.0
         normal, scaling = self._normal, self._scaling
         doubt = 1.0 + self._forced_slip(normal.information, self._usual)
         known = normal.information / doubt[:, None]
@@ -245,12 +245,11 @@ class SmallFaults:
     def _search(self, usual: Floats, covariance: Floats) -> float:
         """Follows what is found; returns the square of the surest change, by its variance."""
         top, found, now = 0.0, self.found, None
-        gyros = self._constants.gyro
         for window, looks in zip(self._windows, WINDOWS, strict=True):
             forced = self._forced_slip(window.information, usual)
-            unsure = covariance + self._accurate
             # Wheels creep alike as long as they are loaded: no longer window averages that out.
-            unsure[gyros, gyros] += (window.creep / looks * self._yaws) ** 2
+            creep = window.creep / looks
+            unsure = covariance + self._accurate + creep * creep * self._creeps
             tests = _Tests(self._changes, window, usual, unsure, forced)
             top = max(top, float(tests.sure.max()))
             if found is not None and window is self._windows[0] and self._ended(tests, found):

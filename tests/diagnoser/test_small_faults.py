@@ -84,8 +84,9 @@ def test_equations_tell_constants(config: DriveConfig) -> None:
     driven.scale[0], driven.bias = 1.01, 0.03
     information, right = np.diag(constants.prior), np.zeros(constants.count)
     shown = list(driven.drive(60.0))
-    for at in range(0, len(shown), 10):
-        more, of_it = constants.equations(shown[at : at + 10])
+    for at in range(0, len(shown), 30):
+        blocks = [shown[first : first + 10] for first in range(at, at + 30, 10)]
+        more, of_it = constants.equations(blocks)
         information += more
         right += of_it
     told = np.linalg.solve(information, right)
