@@ -3,7 +3,7 @@
 import msgspec
 
 
-class Record(msgspec.Struct, omit_defaults=True, kw_only=True):
+class Record(msgspec.Struct, omit_defaults=True, kw_only=True, gc=False):
     """A part of a message: a map with names; a field that is absent has its default."""
 
 

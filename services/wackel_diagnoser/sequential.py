@@ -85,7 +85,7 @@ class Sequential:
         """Takes in the log-likelihoods of a step."""
         sums, memory = self.sums, self.memory
         told = _INDEPENDENT * likelihood
-        evidence = told - _greatest(told[self._members[self.verdict]])
+        evidence = told - _greatest(told.take(self._members[self.verdict]))
         np.minimum(evidence, _BOUND, out=evidence)
         sums += evidence
         np.maximum(sums, _NOTHING, out=sums)
