@@ -198,8 +198,8 @@ class Constants:
 
         standing = self._standing
         weight = seen.present[:, rows.steering] / (STANDS_RAD**2 + loose[:, rows.steering])
-        diagonal = information.reshape(-1)[standing.start * (self.count + 1) :: self.count + 1]
-        diagonal[:] = np.add.reduce(weight)
+        told = np.add.reduce(weight)
+        information.flat[standing.start * (self.count + 1) :: self.count + 1] = told
         right[standing] = np.add.reduce(weight * seen.z[:, rows.steering])
 
 
@@ -227,6 +227,7 @@ class _Seen(NamedTuple):
 
 
 def _seen(blocks: Sequence[Block], rows: Rows) -> _Seen:
+    """Means over each block, and changes from its begin to its end."""
     lengths = [len(block) for block in blocks]
     starts = [end - length for end, length in zip(accumulate(lengths), lengths, strict=True)]
     number = np.array(lengths)[:, None]

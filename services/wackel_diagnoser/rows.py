@@ -396,8 +396,9 @@ class Rows:
             dt: Of the step, s.
         """
         x, y, omega = followed.tolist()
-        if self._given is None or not math.isfinite(x + y + omega):
-            self._given = (x, y, omega) if math.isfinite(x + y + omega) else None
+        known = math.isfinite(x + y + omega)
+        if self._given is None or not known:
+            self._given = (x, y, omega) if known else None
             return 0.0
         before_x, before_y, before_omega = self._given
         # Left alone, it goes straight on over the floor.
