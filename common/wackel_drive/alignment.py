@@ -32,7 +32,7 @@ while what drives and steerings do takes 15 ms and more. Each reading ends one s
 next, so shorter steps tell nothing more, and each costs as much. States at 100 Hz and 125 Hz end a
 step each, even with a jitter of 3 ms and 1 ms; those at 200 Hz every other."""
 UNCERTAIN_S = 0.002
-"""By how much the time of a state may be another than its stamp: a fifth of a step at 100 Hz, so
+"""By how much the time of a sample may be another than its stamp: a fifth of a step at 100 Hz, so
 that all speeds seem a fifth too high in one step, and too low in the next."""
 AHEAD_NS = 1_000_000_000
 """Stamps further ahead of the steps are not believed at once: they follow a gap, a step of the
@@ -161,6 +161,9 @@ class Alignment:
         # Not so of NaN, which no comparison holds for.
         if not all(-MOST_RATE <= value <= MOST_RATE for value in sample.angular_velocity):
             self._refuse(path, "implausible")
+            return None
+        if not sample.late_s <= UNCERTAIN_S:  # NaN is not, either
+            self._refuse(path, "uncertain")
             return None
         if done is not None and abs(stamp - done) > AHEAD_NS:
             # Whether the gyro's clock is wrong or the wheels are silent, the next step will tell.

@@ -19,11 +19,14 @@ class ImuSample(Message, kw_only=True):
         angular_velocity: About the sensor's own x, y and z, rad/s.
         linear_acceleration: Along them, m/s²; absent if it measures none.
         temperature: °C; absent if it measures none.
+        late_s: How much later than usual it came, so that it may be of a time so much after the
+            stamp.
     """
 
     angular_velocity: tuple[float, float, float]
     linear_acceleration: tuple[float, float, float] | None = None
     temperature: float | None = None
+    late_s: float = 0.0
 
 
 class TwistCommand(Message, kw_only=True):

@@ -31,12 +31,13 @@ class BusGyro:
         self.block = Block(start, max(register.end for register in registers) - start)
         self._axes = [config.registers.get(axis) for axis in ("x", "y", "z")]
 
-    def sample(self, data: bytes, stamp: int) -> ImuSample:
+    def sample(self, data: bytes, stamp: int, late_s: float) -> ImuSample:
         """What an answer says.
 
         Args:
             data: Its parameters.
             stamp: UTC ns, of when the device read its registers.
+            late_s: How much later than usual it came.
 
         Raises:
             Refused: It does not hold what was asked for, or no numbers.
@@ -46,7 +47,7 @@ class BusGyro:
         x, y, z = (self._rate(register, data) for register in self._axes)
         if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
             raise Refused("gyro sends no number", f"{x}, {y}, {z}")
-        return ImuSample(stamp=stamp, angular_velocity=(x, y, z))
+        return ImuSample(stamp=stamp, angular_velocity=(x, y, z), late_s=late_s)
 
     def _rate(self, register: GyroRegister | None, data: bytes) -> float:
         if register is None:

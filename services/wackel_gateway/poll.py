@@ -116,7 +116,8 @@ class Poller:
         # As with servos, the values are of the time at which the request had arrived.
         stamp = self._node.clock.stamp_ns(outcome.sent_ns)
         try:
-            publisher.put(gyro.sample(outcome.answers.statuses[0].parameters, stamp))
+            (status,) = outcome.answers.statuses
+            publisher.put(gyro.sample(status.parameters, stamp, outcome.late_ns / 1e9))
         except Refused as refusal:
             self._reporter.refused("gyro", refusal)
 

@@ -215,6 +215,21 @@ def test_a_state_of_doubtful_time_is_left_out(late_s: float) -> None:
     assert aligned.refused == [("bus/main", "uncertain")]
 
 
+@pytest.mark.parametrize("late_s", [0.005, 1e9, math.inf, math.nan])
+def test_a_gyro_sample_of_doubtful_time_is_left_out(late_s: float) -> None:
+    aligned = alignment(gyro=True)
+    doubtful = imu(5, 3.0)
+    doubtful.late_s = late_s
+    aligned.gyro("body", imu(0, -1.0))
+    aligned.bus_state("main", state(0))
+    assert aligned.gyro("body", doubtful) is None
+    aligned.gyro("body", imu(10, -1.0))
+    aligned.bus_state("main", state(10))
+    (step,) = steps(aligned)
+    assert step.gyro_rate == pytest.approx([1.0])
+    assert aligned.refused == [("gyro/body", "uncertain")]
+
+
 def test_one_stamp_of_the_future_is_refused_and_time_goes_on() -> None:
     aligned = alignment()
     aligned.bus_state("main", state(0))

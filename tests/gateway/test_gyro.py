@@ -31,8 +31,9 @@ def gyro(registers: Mapping[str, GyroRegister] = OPENCR) -> BusGyro:
 def test_the_registers_of_an_opencr_are_read_in_one_go_and_are_the_rates() -> None:
     opencr = gyro()
     assert opencr.block == Block(60, 12)
-    sample = opencr.sample(struct.pack("<3f", 0.5, -0.25, 2.0), 7)
-    assert (sample.stamp, sample.angular_velocity) == (7, (0.5, -0.25, 2.0))
+    sample = opencr.sample(struct.pack("<3f", 0.5, -0.25, 2.0), 7, 0.25)
+    assert (sample.stamp, sample.late_s) == (7, 0.25)
+    assert sample.angular_velocity == (0.5, -0.25, 2.0)
 
 
 def test_whole_numbers_have_a_scale_and_an_axis_without_register_shows_nothing() -> None:
@@ -40,20 +41,20 @@ def test_whole_numbers_have_a_scale_and_an_axis_without_register_shows_nothing()
         "z": GyroRegister(address=10, encoding="int16", scale=0.001),
         "x": GyroRegister(address=14, encoding="int32", scale=-0.5),
     }
-    sample = gyro(registers).sample(struct.pack("<hhi", -2000, 999, 4), 1)
+    sample = gyro(registers).sample(struct.pack("<hhi", -2000, 999, 4), 1, 0.0)
     assert sample.angular_velocity == pytest.approx((-2.0, 0.0, -2.0))
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_what_is_no_number_is_no_sample(bad: float) -> None:
     with pytest.raises(Refused, match="gyro sends no number"):
-        gyro().sample(struct.pack("<3f", 0.0, bad, 0.0), 1)
+        gyro().sample(struct.pack("<3f", 0.0, bad, 0.0), 1, 0.0)
 
 
 @given(st.binary(max_size=40))
 def test_any_answer_is_a_sample_of_numbers_or_refused(data: bytes) -> None:
     try:
-        sample = gyro().sample(data, 1)
+        sample = gyro().sample(data, 1, 0.0)
     except Refused:
         return
     assert all(map(math.isfinite, sample.angular_velocity))

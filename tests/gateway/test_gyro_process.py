@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from time import sleep
 
 import msgspec
 import pytest
@@ -117,6 +118,19 @@ def test_a_board_that_falls_silent_costs_the_servos_nothing(watcher: Watcher) ->
     watcher.board(200).silent = False
     heard = len(watcher.samples["body"])
     watcher.wait(lambda: len(watcher.samples["body"]) > heard + 50)
+
+
+def test_a_sample_that_was_held_back_says_so(watcher: Watcher) -> None:
+    samples = watcher.samples["body"]
+    watcher.wait(lambda: len(samples) > 50)
+
+    def came_late() -> bool:
+        watcher.ports.call(lambda _: sleep(0.012))  # as an adapter may hold everything back
+        watcher.link.pump(0.1)
+        return any(sample.late_s > 0.004 for sample in samples)
+
+    watcher.wait(came_late)
+    assert all(0.0 <= sample.late_s < 1.0 for sample in samples)
 
 
 def test_what_is_no_number_is_counted_and_not_published(watcher: Watcher) -> None:
