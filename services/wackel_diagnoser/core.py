@@ -4,6 +4,7 @@ Time is the stamps of the messages, so a recording gives the same as the robot.
 """
 
 from collections.abc import Callable, Mapping
+from operator import or_
 
 import numpy as np
 
@@ -207,8 +208,10 @@ class Diagnoser:
             rows.calibrate(self._small.calibration)
         evidence = measured, variance, efforts
         changed = self._verdicts.step(step, target, evidence, likelihood, currents)
-        if self._steps_made % LOOK_EVERY == 0 and (rolling := self._efforts.rolling()) is not None:
-            self._idle.step(seconds * LOOK_EVERY, target.speed, rolling)
+        if self._steps_made % LOOK_EVERY == 0:
+            if (rolling := self._efforts.rolling()) is not None:
+                self._idle.step(seconds * LOOK_EVERY, target.speed, rolling)
+            self._verdicts.free(map(or_, self._efforts.off, self._idle.found))
         messages: list[Message] = []
         if changed or self._to_examine(step.end):
             messages += self._examine(step.end)
@@ -255,7 +258,7 @@ class Diagnoser:
             self._sequential.verdict != 0
             or self._references.found is not None
             or self._complaint is not None
-            or any(self._efforts.off_s)
+            or any(self._efforts.off)
             or any(self._idle.found)
             or bool(self._reports.active())
         )
@@ -265,7 +268,7 @@ class Diagnoser:
         """What has changed of faults and exclusions."""
         self._examined = now
         findings = self._findings
-        found: list[Finding] = findings.free(self._efforts.off_s, self._idle.found, now)
+        found: list[Finding] = findings.free(self._efforts.off, self._idle.found, now)
         found += findings.verdict(found, now)
         if self._references.found is not None:
             found.append(findings.reference(self._references.found, now))

@@ -28,6 +28,11 @@ SAME_S = 0.5
 """For so long wheels push each other much the same: the rest of it tells of friction no more."""
 
 
+OFF_S = 1.5
+"""A torque that is off for so long is no transient of switching on: a gateway reads the register of
+each servo once a second, so for a second those that have been read say on and the others off."""
+
+
 class Needs(NamedTuple):
     """What driving needs, as learnt.
 
@@ -64,7 +69,7 @@ class Efforts:
     (mass), both learnt. What is left is what a wheel works against others or against an obstacle.
 
     Attributes:
-        off_s: For how long each rolling motor has been switched off while others are on.
+        off: Which rolling motors are switched off while others are on.
     """
 
     def __init__(self, layout: Layout) -> None:
@@ -81,7 +86,8 @@ class Efforts:
         self._newest = 0
         self._torque: list[bool | None] = [None] * self._rolls
         self._some_off = False
-        self.off_s = [0.0] * self._rolls
+        self._off_s = [0.0] * self._rolls
+        self.off = [False] * self._rolls
         self._unknown: Floats = np.full(len(joints), np.nan)
         self._usual = [math.nan] * len(joints)
         self._speed: list[float] | None = None
@@ -125,7 +131,7 @@ class Efforts:
             Squares of what each motor needs beyond driving, by what that usually is; rolling motors
             in the order of the roll rows, then steering motors of all wheels; NaN where unknown.
         """
-        if self._some_off or any(self.off_s):
+        if self._some_off or any(self._off_s):
             self._watch_torque(seconds)
         before, self._speed = self._speed, speeds
         if not (needed or learnt_s) or before is None:
@@ -213,10 +219,11 @@ class Efforts:
     def _watch_torque(self, seconds: float) -> None:
         torque = self._torque
         some_on = any(torque)
-        self.off_s = [
+        self._off_s = [
             off_s + seconds if some_on and on is False else 0.0
-            for on, off_s in zip(torque, self.off_s, strict=True)
+            for on, off_s in zip(torque, self._off_s, strict=True)
         ]
+        self.off = [off_s >= OFF_S for off_s in self._off_s]
 
 
 def _towards(mean: float, value: float, share: float) -> float:

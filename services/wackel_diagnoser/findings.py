@@ -19,9 +19,8 @@ from wackel_schemas.drive import Exclusion
 STOOD = ("wheel_blocked", "wheel_sticks")
 AGAIN_NS = 30_000_000
 """A wheel that has not stood for so long rolls again."""
-OFF_S = 1.5
-"""A torque that is off for so long is no transient of switching on: a gateway reads the register of
-each servo once a second, so for a second those that have been read say on and the others off."""
+_OF_A_FREE_WHEEL = ((component.DRIVE,), (component.COMMAND,))
+"""Are no further faults: the others, which do its work, may all slip, and fail to do it."""
 LIKELY = 0.02
 """Probability from which on another explanation is told."""
 
@@ -60,17 +59,17 @@ class Findings:
         self._history = history
         self._said: Finding | None = None  # of a drive
 
-    def free(self, off_s: Sequence[float], idle: Sequence[bool], now: int) -> list[Finding]:
+    def free(self, off: Sequence[bool], idle: Sequence[bool], now: int) -> list[Finding]:
         """Wheels that roll freely.
 
         Args:
-            off_s: For how long the torque of each rolling motor has been off.
+            off: Which of the rolling motors have no torque.
             idle: Which of them move nothing.
             now: Stamp.
         """
         found = []
-        for path, seconds, is_idle in zip(self._rolling, off_s, idle, strict=True):
-            if seconds >= OFF_S:
+        for path, is_off, is_idle in zip(self._rolling, off, idle, strict=True):
+            if is_off:
                 summary = "its torque is off while that of others is on"
                 found.append(Finding("wheel_free", path, summary, now, confidence=0.99))
             elif is_idle:
@@ -88,8 +87,7 @@ class Findings:
                 words = {"others": component.in_words(other)}
                 summary = "two at once explain the residuals, neither alone"
                 found.append(self._finding("two_faults", path, summary, words))
-        elif components and not (free and components == (component.DRIVE,)):
-            # Wheels that do a free one's work may all slip, which is no further fault.
+        elif components and not (free and components in _OF_A_FREE_WHEEL):
             is_free = any(each.component == components[0] for each in free)
             single = self._single(components[0], is_free, now)
             # A wheel without torque that swings in its play is no further fault; a blocked one is.

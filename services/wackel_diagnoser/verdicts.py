@@ -4,13 +4,15 @@ Residuals propose (:mod:`wackel_diagnoser.sequential`), and where they see nothi
 a change of what is constant (:mod:`wackel_diagnoser.small_faults`), which then stays as long as the
 change. A proposal that only clears a part that was named must wait until that part has shown itself
 sound. A gyro that seems wrong while the motors strain is not: something pushes the robot, or wheels
-pull each other. Wheels that stand though they are told to roll (:mod:`wackel_diagnoser.standing`)
-are faulty whatever residuals say, which then speak of how the others are dragged.
+pull each other. Nor is a part faulty that only seems so since a wheel rolls freely. Wheels that
+stand though they are told to roll (:mod:`wackel_diagnoser.standing`) are faulty whatever residuals
+say, which then speak of how the others are dragged.
 """
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import compress
 
 from wackel_diagnoser.forced import ForcedMotion, can_force
 from wackel_diagnoser.hypotheses import Class, Hypotheses
@@ -93,11 +95,15 @@ class Verdicts:
         self._references = references
         self._rolls = layout.drive.roll_wheels.tolist()
         self._drives = [component.wheel_drive(layout.names[i]) for i in self._rolls]
+        self._steerings = {
+            component.wheel_drive(name): component.wheel_steering(name) for name in layout.names
+        }
         self._motion = ForcedMotion(layout) if can_force(layout.drive) else None
         self.since = 0
         self.kind: Class = ""
         self.test: KindTest | None = None
         self.steers_wrong = False
+        self._free: frozenset[str] = frozenset()
         self._standing = Standing(len(self._rolls))
         self._of_gyros = {
             number
@@ -118,6 +124,10 @@ class Verdicts:
     def stands(self, path: str) -> bool:
         """Whether a part is a drive whose wheel stands while others roll."""
         return any(self._drives[roll] == path for roll in self._standing.rows())
+
+    def free(self, found: Iterable[bool]) -> None:
+        """Which wheels are known to roll freely, in the order of the roll rows."""
+        self._free = frozenset(compress(self._drives, found))
 
     def void(self) -> None:
         """What was concluded before no longer holds."""
@@ -177,6 +187,8 @@ class Verdicts:
             return False
         if proposal in self._of_gyros:
             proposal = self._unless_strained(proposal)
+        if self._free:
+            proposal = self._unless_free(proposal)
         is_small = False
         now = set(explanations[verdict])
         stand = {self._drives[roll] for roll in self._standing.rows()} if verdict else set()
@@ -192,7 +204,7 @@ class Verdicts:
         if proposal is None:
             return False
         names = set(explanations[proposal])
-        if (lasting & now) - names and not stand & names:
+        if (lasting & now) - names and not (stand | self._free) & names:
             return False
         if names == {component.DRIVE} and step.end - self.since > PUSHES_NS and now:
             return False
@@ -219,6 +231,23 @@ class Verdicts:
         if not (slow or pushed):
             return push
         sequential.accept(sequential.verdict)  # it still pushes, or nothing does
+        return None
+
+    def _unless_free(self, proposal: int | None) -> int | None:
+        """What is proposed, or holds; or wheels that roll freely, if it is what those make seem.
+
+        Which turns as it likes, or is dragged, seems to be steered wrong. Two wheels and a gyro
+        check each other, so without one of the wheels nothing tells of any other part.
+        """
+        sequential, explanations = self._sequential, self._hypotheses.explanations
+        free, verdict = self._numbers.get(self._free), sequential.verdict
+        named = set(explanations[verdict if proposal is None else proposal])
+        seems = named <= {self._steerings[path] for path in self._free} or len(self._rolls) == 2
+        if free is None or not named or named == self._free or not seems:
+            return proposal
+        if verdict != free:
+            return free
+        sequential.accept(free)  # which holds already
         return None
 
     def _strain(self) -> float:

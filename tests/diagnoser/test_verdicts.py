@@ -195,6 +195,30 @@ def test_a_differential_drive_names_its_side_and_no_more() -> None:
     assert [path for _, path in rig.active()] == ["wheel/left/drive"]
 
 
+@pytest.mark.parametrize("kind", ["wheel_free", "wheel_loose"])
+@pytest.mark.parametrize("number", range(3))
+def test_what_a_free_wheel_of_two_makes_others_seem_is_no_further_fault(
+    kind: str, number: int
+) -> None:
+    rig = Rig.of(f"tune/two/{number}", differential_drive())
+    rig.drive(SHORT_WARM_UP_S)
+    rig.inject(kind, "left")
+    rig.drive(5.0)
+    assert rig.active() == [("wheel_free", "wheel/left/drive")]
+    assert rig.exclusions is not None
+    assert [each.component for each in rig.exclusions.excluded] == ["wheel/left/drive"]
+
+
+def test_a_second_fault_beside_a_free_wheel_is_named(warm: Rig) -> None:
+    rig = warm.copy()
+    rig.inject("wheel_free", "w2")
+    rig.drive(3.0)
+    assert rig.active() == [("wheel_free", "wheel/w2/drive")]
+    rig.inject("gyro_offset", value=0.2)
+    rig.drive(1.0)
+    assert "gyro/body" in {component for _, component in rig.active()}
+
+
 def test_a_wheel_that_sticks_is_not_taken_for_a_gyro_that_changes() -> None:
     rig = Rig.of("judge16/fast/4/48")
     rig.drive(31.72)
