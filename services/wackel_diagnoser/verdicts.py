@@ -193,7 +193,9 @@ class Verdicts:
         now = set(explanations[verdict])
         stand = {self._drives[roll] for roll in self._standing.rows()} if verdict else set()
         if stand - now:
-            others = {path for path in now if not self._follows(path)}
+            # One that stands seems to be steered wrong, too: it rolls along no direction.
+            own = {self._steerings[path] for path in stand}
+            others = {path for path in now - own if not self._follows(path)}
             standing = self._numbers.get(frozenset(stand | others))
             proposal = proposal if standing is None else standing
         # What a change of constants explains is believed before what fits better for a while. But a

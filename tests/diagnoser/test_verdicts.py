@@ -1,10 +1,12 @@
 """Verdicts on faults of a simulated robot: named, replaced, healed."""
 
+from random import Random
 from typing import Any, Literal
 
 import pytest
 
-from tests.diagnoser.rig import SEED, SHORT_WARM_UP_S, Rig
+from tests.bench.diagnoser import befall, drawn_lag_s
+from tests.diagnoser.rig import SEED, SHORT_WARM_UP_S, WARM_UP_S, Rig
 from tests.odometry.simulation import differential_drive
 from wackel_schemas import component
 
@@ -63,6 +65,14 @@ def test_a_wheel_that_is_freed_heals_and_is_called_nothing_else(
     rig.simulation.heal()
     rig.drive(4.0)
     assert [(each.code, each.status) for each in rig.reports] == [("wheel_blocked", "healed")]
+
+
+def test_a_wheel_that_stands_is_not_taken_for_its_steering() -> None:
+    seed = "judge29/fast/3/48"
+    rig = Rig.of(seed, 3, lag_s=drawn_lag_s(Random(f"{seed}/lag")))
+    rig.drive(WARM_UP_S)
+    befall(rig, 0, seed)
+    assert rig.active() == [("wheel_blocked", "wheel/w1/drive")]
 
 
 def test_a_wheel_that_sticks_is_told_from_one_that_is_blocked(warm: Rig) -> None:
