@@ -38,6 +38,9 @@ PUSHED_S = 0.4
 with the alarm that takes the verdict back, half a second."""
 PUSHES_NS = 500_000_000
 """For how long something pushes: what was a fault of a part for longer was no push."""
+SLIPS_NS = 2_000_000_000
+"""For how long a wheel of two may slip. Nothing but the gyro shows it, and tyres slip more often
+than gyros fail; of those that do, most stay wrong."""
 DRAGGED_S = 1.0
 """How long an alarm must last to name a second wheel that rolls as it is told: what a faulty one
 makes the others slip changes with the motion, within a second."""
@@ -127,7 +130,10 @@ class Verdicts:
 
     def free(self, found: Iterable[bool]) -> None:
         """Which wheels are known to roll freely, in the order of the roll rows."""
-        self._free = frozenset(compress(self._drives, found))
+        free = frozenset(compress(self._drives, found))
+        if free != self._free:
+            self._free = free
+            self._small.forget()  # what was constant no longer is, or is again
 
     def void(self) -> None:
         """What was concluded before no longer holds."""
@@ -181,10 +187,12 @@ class Verdicts:
     def _follow(self, step: Step, target: Target) -> bool:
         """Takes what is proposed, if it may replace the verdict; says whether it did."""
         sequential, explanations = self._sequential, self._hypotheses.explanations
-        verdict, small = sequential.verdict, self._small.found
+        verdict, small = sequential.verdict, None if self._free else self._small.found
         proposal = sequential.proposal()
         if proposal is None and small is None and not verdict:  # as mostly
             return False
+        if proposal in self._of_gyros and len(self._rolls) == 2:
+            proposal = self._unless_slipped(proposal, step)
         if proposal in self._of_gyros:
             proposal = self._unless_strained(proposal)
         if self._free:
@@ -221,6 +229,16 @@ class Verdicts:
         self._soundness.begin(explanations[proposal], step, target)
         self._take(explanations[proposal], step)
         return True
+
+    def _unless_slipped(self, proposal: int, step: Step) -> int | None:
+        """What a gyro that seems wrong is, as long as a wheel of two may only slip."""
+        sequential, slip = self._sequential, self._numbers[frozenset((component.DRIVE,))]
+        if not sequential.verdict:
+            return slip
+        if sequential.verdict == slip and step.end - self.since < SLIPS_NS:
+            sequential.accept(slip)  # which holds already
+            return None
+        return proposal
 
     def _unless_strained(self, proposal: int) -> int | None:
         """What gyros that seem wrong are: while motors strain, a push, or nothing of the kind."""

@@ -219,6 +219,22 @@ def test_what_a_free_wheel_of_two_makes_others_seem_is_no_further_fault(
     assert [each.component for each in rig.exclusions.excluded] == ["wheel/left/drive"]
 
 
+@pytest.mark.parametrize("number", [2, 4, 6])
+def test_a_wheel_of_two_that_slips_for_a_moment_is_no_fault_of_the_gyro(number: int) -> None:
+    rig = Rig.of(f"tune/two/{number}", differential_drive())
+    rig.drive(SHORT_WARM_UP_S)
+    rig.inject("ice_patch", "left")
+    rig.drive(1.5)
+    rig.simulation.heal()
+    rig.drive(2.0)
+    assert rig.reports
+    assert not [report for report in rig.reports if report.component.startswith("gyro")]
+    assert rig.active() == []
+    rig.inject("gyro_offset", value=0.3)
+    rig.drive(4.0)
+    assert rig.active() == [("gyro_deviates", "gyro/body")]
+
+
 def test_a_second_fault_beside_a_free_wheel_is_named(warm: Rig) -> None:
     rig = warm.copy()
     rig.inject("wheel_free", "w2")
