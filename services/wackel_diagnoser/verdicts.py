@@ -214,7 +214,7 @@ class Verdicts:
         if proposal is None:
             return False
         names = set(explanations[proposal])
-        if (lasting & now) - names and not (stand | self._free) & names:
+        if (lasting & now) - names and not stand & names:
             return False
         if names == {component.DRIVE} and step.end - self.since > PUSHES_NS and now:
             return False
