@@ -44,7 +44,9 @@ def opencr() -> Source:
     """As an OpenCR's registers hold it."""
     registers = {axis: GyroRegister(address=60 + 4 * i) for i, axis in enumerate("xyz")}
     gyro = BusGyro(GyroConfig(source="bus", bus="main", id=200, registers=registers))  # type: ignore[arg-type]
-    return lambda sample: gyro.sample(struct.pack("<3f", *sample.angular_velocity), sample.stamp)
+    return lambda sample: gyro.sample(
+        struct.pack("<3f", *sample.angular_velocity), sample.stamp, 0.0
+    )
 
 
 @pytest.fixture(params=[kernel, opencr])
