@@ -4,7 +4,10 @@ import msgspec
 
 
 class Record(msgspec.Struct, omit_defaults=True, kw_only=True, gc=False):
-    """A part of a message: a map with names; a field that is absent has its default."""
+    """A part of a message: a map with names; a field that is absent has its default.
+
+    None refers back to what it is part of, so Python need not search them for garbage in cycles.
+    """
 
 
 class Message(Record, kw_only=True):
