@@ -8,9 +8,9 @@ eliminated, so that wheels and gyros are compared with each other only.
 
 import math
 from collections.abc import Mapping, Sequence
-from itertools import accumulate, pairwise
+from itertools import accumulate, chain, pairwise
 from operator import sub
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from wackel_diagnoser.reference import Target
 from wackel_diagnoser.rows import UNKNOWN, Measured, Rows
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
-from wackel_kinematics.array import Bools, Floats
+from wackel_kinematics.array import Floats
 from wackel_node.config_drive import DriveConfig, GyroConfig
 
 SLIP_M_S = 0.002
@@ -59,9 +59,6 @@ class Shown(NamedTuple):
     current: Sequence[float]
 
 
-Block: TypeAlias = Sequence[Shown]
-
-
 class Constants:
     """Numbers the parameters, and makes their equations.
 
@@ -100,10 +97,11 @@ class Constants:
         (self.steering_lag,), (self.rolling_lag,), self.askew, *places = places
         self.off, (self.gives_way,), (self.late,), self.stands = places
         self.count = self.stands.stop
-        self._moving = self.askew.stop  # parameters of rows on the twist
-        self._giving = slice(self.off.start, self.stands.start)
-        self._standing = slice(self.stands.start, self.count)
-        kinds = (slice(self._moving), self._giving, self._standing)
+        kinds = (  # of rows on the twist, of drives, and of steerings
+            slice(self.askew.stop),
+            slice(self.off.start, self.stands.start),
+            slice(self.stands.start, self.count),
+        )
         self.kinds = [kind for kind in kinds if len(range(self.count)[kind])]
         # Of wheels that cannot turn against each other, scales and directions say all.
         fights = UNKNOWN if drive.steers.any() else SOUND
@@ -126,136 +124,103 @@ class Constants:
         )
         self.prior: Floats = sigma**-2
         self._slide_wheels = drive.slide_wheels
-        self._steers = drive.steers[slides]
         # What rolls under each slide row; what does not roll by itself tells nothing of direction.
-        self._rolls = np.array([rolls.index(i) if i in rolls else 0 for i in slides], dtype=np.intp)
-        self._rolls_itself = np.array([float(i in rolls) for i in slides])
-        self._noise = np.full(rows.gyros.stop, SLIP_M_S**2)
+        self._under: Floats = np.equal.outer(rolls, slides).astype(np.float64)
+        self._noise = np.full(rows.count, SLIP_M_S**2)
         self._noise[rows.gyros] = (SLIP_M_S / drive.length_m) ** 2
+        self._noise[rows.steering] = STANDS_RAD**2
         self._longer = np.full(rows.count, LONGER)
         self._longer[rows.gyros] *= LATE
+        self._askew = slice(self.askew.start, self.askew.stop)
+        # Each row has a parameter of its own; gyros and steerings show theirs as it is.
+        self._causes = np.zeros((rows.count, self.count + 1))
+        self._causes[rows.gyros, self.gyro] = np.eye(len(self.gyro))
+        self._causes[rows.steering, self.stands] = np.eye(len(self.stands))
+        every = np.arange(rows.count)
+        self._by_speed = np.concatenate(
+            [every[rows.slides], every[rows.rolls], every[rows.rolling]]
+        )
+        self._own = np.array([*self.direction, *self.scale, *self.off], dtype=np.intp)
 
-    def equations(self, blocks: Sequence[Block]) -> tuple[Floats, Floats]:
-        """Information, shape (P, P), and right side, shape (P,), of B blocks of several steps."""
-        rows, seen = self._rows, _seen(blocks, self._rows)
-        loose = self._longer * np.array([block[len(block) // 2].measured.loose for block in blocks])
-        information, right = np.zeros((self.count, self.count)), np.zeros(self.count)
+    def equations(self, blocks: Sequence[Sequence[Shown]]) -> Floats:
+        """Of blocks of several steps each.
 
-        # Wheels and gyros: each row has a parameter of its own, and shares the lags.
-        end, moving, slides, rolls = rows.gyros.stop, self._moving, rows.slides, rows.rolls
-        z, count = seen.z[:, :end], len(blocks)
-        rolled = z[:, rolls]
-        under = rolled.take(self._rolls, axis=1) if rolled.size else np.ones((count, 1))
-        own = self._rolls_itself * under
-        bias = np.array([block[len(block) // 2].bias for block in blocks])
-        causes = np.zeros((count, end, moving))
-        own_causes = np.concatenate((-own, rolled, np.ones(bias.shape)), axis=1)
-        causes.reshape(count, -1)[:, :: moving + 1] = own_causes
-        turned = np.where(self._steers, seen.turned.take(self._slide_wheels, axis=1), 0.0)
-        causes[:, slides, self.steering_lag] = lag = own * turned / seen.seconds
-        causes[:, rolls, self.rolling_lag] = seen.faster
-        shown = z.copy()
-        shown[:, slides] += rows.lag_s * lag
-        shown[:, rows.gyros] += bias
-        h = seen.h[:, :end]
-        # What turns far meanwhile is not on average what its mean direction makes it.
-        bent = own * turned * turned / 12.0
-        noise = self._noise + loose[:, :end] + np.vecdot(bent, bent)[:, None]
-        weight = seen.present[:, :end] / noise
-        weighted = h * weight[..., None]
+        Returns:
+            Sums of the information and, in the last column, of the right side, shape (P, P + 1).
+        """
+        rows, lengths = self._rows, [*map(len, blocks)]
+        starts, counts = [0, *accumulate(lengths[:-1])], np.array(lengths)[:, None]
+
+        def mean(values: Sequence[Floats | Sequence[float]]) -> Floats:
+            """By block, of a value of each step."""
+            return np.asarray(np.add.reduceat(np.array(values), starts) / counts)
+
+        steps = [*chain.from_iterable(blocks)]
+        measured = [shown.measured for shown in steps]
+        z, yielded = mean([each.z for each in measured]), mean([each.yielded for each in measured])
+        h = mean([each.h.ravel() for each in measured]).reshape(*z.shape, 3)
+        current = _known(mean([shown.current for shown in steps]))
+        present = rows.every
+        if not all(each.present is present for each in measured):  # as mostly
+            present = np.logical_and.reduceat([each.present for each in measured], starts)
+        causes, bent = self._caused(blocks, z, yielded, current)
+
+        loose = [block[len(block) // 2].measured.loose for block in blocks]
+        variance = self._noise + self._longer * loose
+        variance[:, : rows.gyros.stop] += bent[:, None]
+        weight = (present / variance)[:, :, None]
+        # Of references nothing is eliminated: their h is 0.
+        weighted = h * weight
         across = weighted.swapaxes(1, 2)
         estimate = np.linalg.inv(across @ h + REGULAR) @ across
-        causes[:, rows.gyros, self.askew] = (estimate @ z[..., None])[:, None, :, 0]
-        projection = -weighted @ estimate
-        projection.reshape(count, -1)[:, :: end + 1] += weight
-        by_cause = (projection @ causes).reshape(-1, moving)
-        information[:moving, :moving] = causes.reshape(-1, moving).T @ by_cause
-        right[:moving] = shown.ravel() @ by_cause
+        causes[:, rows.gyros, self._askew] = (estimate @ z[:, :, None]).swapaxes(1, 2)
+        by_cause = causes * weight
+        by_cause -= weighted @ (estimate @ causes)
+        width = self.count + 1
+        return np.asarray(causes.reshape(-1, width)[:, :-1].T @ by_cause.reshape(-1, width))
 
-        self._against_references(seen, loose, (information, right))
-        return information, right
-
-    def _against_references(
-        self, seen: "_Seen", loose: Floats, equations: tuple[Floats, Floats]
-    ) -> None:
-        """Drives and steerings, each by itself.
+    def _caused(
+        self, blocks: Sequence[Sequence[Shown]], z: Floats, yielded: Floats, current: Floats
+    ) -> tuple[Floats, Floats]:
+        """What rows show, and what parameters cause of it.
 
         Args:
-            seen: What blocks say.
-            loose: Variances of what the manoeuvre adds, shape (B, M).
-            equations: What they are added to.
+            blocks: B of them, as above.
+            z, yielded, current: Their means, shapes (B, M), (B, roll rows) and (B, roll rows).
+
+        Returns:
+            By how much each parameter (but ``askew``) changes each row, and in the last column
+            what the row shows, shape (B, M, P + 1); and the variance that turning wheels add to
+            rows on the twist, shape (B,).
         """
-        rows, (information, right), giving = self._rows, equations, self._giving
-        off = seen.z[:, rows.rolling] + seen.yielded
-        count, rolls = off.shape
-        causes = np.zeros((count, rolls, rolls + 2))
-        causes.reshape(count, -1)[:, :: rolls + 3] = seen.z[:, rows.rolls] - off
-        causes[..., -2], causes[..., -1] = -seen.current, -seen.faster
-        weight = seen.present[:, rows.rolling] / (SLIP_M_S**2 + loose[:, rows.rolling])
-        by_cause = (causes * weight[..., None]).reshape(-1, rolls + 2)
-        information[giving, giving] = causes.reshape(-1, rolls + 2).T @ by_cause
-        right[giving] = off.ravel() @ by_cause
-
-        standing = self._standing
-        weight = seen.present[:, rows.steering] / (STANDS_RAD**2 + loose[:, rows.steering])
-        told = np.add.reduce(weight)
-        information.flat[standing.start * (self.count + 1) :: self.count + 1] = told
-        right[standing] = np.add.reduce(weight * seen.z[:, rows.steering])
-
-
-class _Seen(NamedTuple):
-    """What B blocks say.
-
-    Attributes:
-        z, h: Means of the rows, shapes (B, M) and (B, M, 3).
-        present: Which rows all steps of a block have, shape (B, M).
-        yielded: Mean by which each drive gave way, m/s, shape (B, R).
-        current: Mean of each rolling motor, A or share of load; 0 if unknown, shape (B, R).
-        seconds: From the first step's end to the last one's, shape (B, 1).
-        turned: By how much each wheel was steered meanwhile, rad, shape (B, n).
-        faster: Acceleration of each drive's reference, m/s², shape (B, R).
-    """
-
-    z: Floats
-    h: Floats
-    present: Bools
-    yielded: Floats
-    current: Floats
-    seconds: Floats
-    turned: Floats
-    faster: Floats
+        rows, ends = self._rows, [(block[0], block[-1]) for block in blocks]
+        seconds = np.array([[(last.step.end - first.step.end) / 1e9] for first, last in ends])
+        turned = np.array([last.step.heading - first.step.heading for first, last in ends])
+        turned = _known(turned.take(self._slide_wheels, axis=1))
+        speeds = [(first.target.speed, last.target.speed) for first, last in ends]
+        faster = np.array([[*map(sub, last, first)] for first, last in speeds])
+        faster = _known(faster / seconds)
+        causes = np.empty((len(blocks), *self._causes.shape))
+        causes[:] = self._causes
+        seen, rolled = causes[:, :, -1], z[:, rows.rolls]
+        own = rolled @ self._under
+        lag = own * turned / seconds
+        seen[:] = z
+        seen[:, rows.slides] += rows.lag_s * lag
+        seen[:, rows.gyros] += [block[len(block) // 2].bias for block in blocks]
+        off = seen[:, rows.rolling]
+        off += yielded
+        causes[:, self._by_speed, self._own] = np.concatenate((-own, rolled, rolled - off), axis=1)
+        causes[:, rows.slides, self.steering_lag] = lag
+        causes[:, rows.rolls, self.rolling_lag] = faster
+        causes[:, rows.rolling, self.gives_way] = -current
+        causes[:, rows.rolling, self.late] = -faster
+        # What turns far meanwhile is not on average what its mean direction makes it.
+        bent = own * turned * turned / 12.0
+        return causes, np.asarray(np.vecdot(bent, bent))
 
 
-def _seen(blocks: Sequence[Block], rows: Rows) -> _Seen:
-    """Means over each block, and changes from its begin to its end."""
-    lengths = [len(block) for block in blocks]
-    starts = [end - length for end, length in zip(accumulate(lengths), lengths, strict=True)]
-    number = np.array(lengths)[:, None]
-    each = [shown for block in blocks for shown in block]
-    measured = [shown.measured for shown in each]
-
-    def mean(values: Sequence[Floats] | Sequence[Sequence[float]]) -> Floats:
-        return np.asarray(np.add.reduceat(np.array(values), starts) / number)
-
-    pairs = [(block[0], block[-1]) for block in blocks]
-    seconds = np.array([[last.step.end - first.step.end] for first, last in pairs]) / 1e9
-    turned = np.array([last.step.heading - first.step.heading for first, last in pairs])
-    faster = np.array([[*map(sub, b.target.speed, a.target.speed)] for a, b in pairs]) / seconds
-    present = np.ones((len(blocks), rows.count), dtype=np.bool_)
-    if not all(one.present is rows.every for one in measured):
-        present = np.logical_and.reduceat([one.present for one in measured], starts)
-        turned, faster = np.nan_to_num(turned), np.nan_to_num(faster)
-    current = mean([shown.current for shown in each])
-    if not math.isfinite(float(current.sum())):
-        current = np.nan_to_num(current)
-    h = mean([one.h.ravel() for one in measured]).reshape(len(blocks), rows.count, 3)
-    return _Seen(
-        mean([one.z for one in measured]),
-        h,
-        present,
-        mean([one.yielded for one in measured]),
-        current,
-        seconds,
-        turned,
-        faster,
-    )
+def _known(values: Floats) -> Floats:
+    """The same, with 0 in place of what is missing."""
+    values[np.isnan(values)] = 0.0
+    return values

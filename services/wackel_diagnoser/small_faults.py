@@ -10,6 +10,7 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -92,20 +93,18 @@ class Change:
     sigma: float
 
 
-class _Sums:
-    """Normal equations of some looks."""
+class _Look(NamedTuple):
+    """What has been seen in some blocks.
 
-    def __init__(self, count: int) -> None:
-        self.information = np.zeros((count, count))
-        self.right = np.zeros(count)
-        self.creep = 0.0  # of all wheels: m in a look; in a window the sum of each look's m/s
+    Attributes:
+        told: Normal equations: information and, in the last column, right side, shape (P, P + 1).
+        creep: Of all wheels, m/s.
+        odd: Whether that is what noise hardly says.
+    """
 
-    def add(
-        self, information: Floats, right: Floats, creep: float = 0.0, sign: float = 1.0
-    ) -> None:
-        self.information += sign * information
-        self.right += sign * right
-        self.creep += sign * creep
+    told: Floats
+    creep: float
+    odd: bool
 
 
 class SmallFaults:
@@ -135,9 +134,9 @@ class SmallFaults:
         for name, least in ACCURATE.items():
             accurate[getattr(constants, name)] = least
         self._accurate: Floats = np.diag(accurate**2)
-        creeps = np.zeros(constants.count)
-        creeps[constants.gyro] = YAWING / layout.drive.length_m
-        self._creeps: Floats = np.diag(creeps**2)
+        creeping = np.zeros(constants.count)  # variances, by the square of how much tyres creep
+        creeping[constants.gyro] = (YAWING / layout.drive.length_m) ** 2
+        self._creeping: Floats = np.diag(creeping)
         self._prior = np.diag(constants.prior)
         # By parameter: only rows on the twist contradict each other, less the three that it takes.
         self._forced = np.zeros(constants.count)
@@ -145,7 +144,11 @@ class SmallFaults:
         self._forced[constants.gyro] = FORCED_YAW**2
         self._forced /= max(rows.gyros.stop - 3, 1)
         self._scaling = Scaling(constants.count, first=2.0, least=0.05)
-        self._normal = _Sums(constants.count)
+        # Takes means over parameters of the same kind.
+        self._alike = np.zeros((constants.count, constants.count))
+        for kind in constants.kinds:
+            self._alike[kind, kind] = 1.0 / len(self._forced[kind])
+        self._normal = np.zeros((constants.count, constants.count + 1))
         self._usual = np.zeros(constants.count)
         self._driven = 0
         self.lag_s = self.gives_way = 0.0
@@ -162,9 +165,11 @@ class SmallFaults:
         self._before: list[str] = []
         self._block: list[Shown] = []
         self._blocks: list[list[Shown]] = []
-        self._block_s = self._look_s = self._creep = 0.0
-        self._looks: deque[tuple[Floats, Floats, float, bool]] = deque()
-        self._windows = [_Sums(self._constants.count) for _ in WINDOWS]
+        self._block_s = self._look_s = self._crept = 0.0
+        self._looks: deque[_Look] = deque()
+        # Of each window, sums of what its looks say.
+        self._told = np.zeros((len(WINDOWS), *self._normal.shape))
+        self._creep = [0.0] * len(WINDOWS)
 
     def step(self, shown: Shown, *, calm: bool) -> None:
         """Takes in a step; ``calm``: nothing is suspected otherwise."""
@@ -173,51 +178,46 @@ class SmallFaults:
         if self._block_s < BLOCK_S or len(self._block) < LEAST_STEPS:
             return
         self._blocks.append(self._block)
-        self._creep += shown.measured.creep * self._block_s
         self._look_s += self._block_s
+        self._crept += shown.measured.creep * self._block_s
         self._block, self._block_s = [], 0.0
         if self._look_s >= LOOK_S:
-            self._take(calm=calm, moving=shown.measured.speed > MOVING_M_S)
+            # Of all its blocks at once: numpy takes long to be called.
+            told = self._constants.equations(self._blocks)
+            seconds, creep = self._look_s, self._crept / self._look_s
+            self._blocks, self._look_s, self._crept = [], 0.0, 0.0
+            moving = shown.measured.speed > MOVING_M_S
+            self._take(told, creep, seconds, calm=calm, moving=moving)
 
-    def _take(self, *, calm: bool, moving: bool) -> None:
+    def _take(
+        self, told: Floats, creep: float, seconds: float, *, calm: bool, moving: bool
+    ) -> None:
         """Looks once."""
-        information, right = self._constants.equations(self._blocks)
-        seconds, creep = self._look_s, self._creep / self._look_s
-        self._blocks, self._look_s, self._creep = [], 0.0, 0.0
         normal, scaling = self._normal, self._scaling
-        doubt = 1.0 + self._forced_slip(normal.information, self._usual)
-        known = normal.information / doubt[:, None]
-        covariance: Floats = np.asarray(np.linalg.inv(known + self._prior))
-        usual = self._usual = covariance @ (normal.right / doubt)
-        off = right - information @ usual
-        told = information.diagonal()
+        known = normal / (1.0 + self._forced_slip(normal, self._usual))[:, None]
+        covariance: Floats = np.asarray(np.linalg.inv(known[:, :-1] + self._prior))
+        usual = self._usual = covariance @ known[:, -1]
+        information = told[:, :-1]
+        off, of_it = told[:, -1] - information @ usual, information.diagonal()
         squares = (
-            off * off / np.maximum(told + np.vecdot(information @ covariance, information), 1e-9)
+            off * off / np.maximum(of_it + np.vecdot(information @ covariance, information), 1e-9)
         )
-        heard = told > 1e-3 * self._constants.prior
-        for kind in self._constants.kinds:
-            each = scaling.factors[kind]
-            factor = float(np.add.reduce(each)) / len(each)
-            information[kind, kind] /= factor
-            right[kind] /= factor
-        odd = bool(squares.max() > SURE * scaling.factors.max())
+        heard = of_it > 1e-3 * self._constants.prior
+        told /= (self._alike @ scaling.factors)[:, None]
+        look = _Look(told, creep, bool(squares.max() > SURE * scaling.factors.max()))
         young = self._driven < DELAY
         if young:
-            if calm and not odd:
-                self._learn(information, right, seconds)
+            if calm and not look.odd:
+                self._learn(told, seconds)
                 self._driven += moving
             top = 0.0
         else:
-            self._looks.append((information, right, creep, odd))
-            for window, length in zip(self._windows, WINDOWS, strict=True):
-                window.add(information, right, creep)
-                if len(self._looks) > length:
-                    window.add(*self._looks[-1 - length][:3], -1.0)
+            self._add(look)
             top = self._search(usual, covariance)
             if len(self._looks) > DELAY:
-                old, of_it, _, shocked = self._looks.popleft()
-                if calm and top < SUSPECTED and not shocked:
-                    self._learn(old, of_it, seconds)
+                old = self._looks.popleft()
+                if calm and top < SUSPECTED and not old.odd:
+                    self._learn(old.told, seconds)
         if calm and top < SUSPECTED:
             scaling.learn(squares, heard, seconds)
             self.lag_s = min(max(float(usual[self._constants.steering_lag]), EARLIEST_S), LATEST_S)
@@ -227,37 +227,50 @@ class SmallFaults:
             expected = (usual**2 + covariance.diagonal()).take(self._calibrated)
             self.calibration = np.maximum(expected, self._configured)
 
-    def _forced_slip(self, information: Floats, usual: Floats) -> Floats:
+    def _forced_slip(self, told: Floats, usual: Floats) -> Floats:
         """Variance of the slip that calibration forces, by that of noise, for each parameter.
 
         It does not become less with time: as long as the motion is the same, so is the slip.
+
+        Args:
+            told: Normal equations, shape (..., P, P + 1).
+            usual: Shape (P,).
         """
         errors, wheels = usual[: self._wheels], self._wheels
-        contradiction = errors @ information[:wheels, :wheels] @ errors
-        return np.asarray(float(contradiction) * self._forced)
+        contradiction = np.vecdot(told[..., :wheels, :wheels] @ errors, errors)
+        return np.asarray(contradiction[..., None] * self._forced)
 
-    def _learn(self, information: Floats, right: Floats, seconds: float) -> None:
-        normal, fade = self._normal, 1.0 - min(1.0, seconds / NORMAL_S)
-        normal.information *= fade
-        normal.right *= fade
-        normal.add(information, right)
+    def _learn(self, told: Floats, seconds: float) -> None:
+        self._normal *= 1.0 - min(1.0, seconds / NORMAL_S)
+        self._normal += told
+
+    def _add(self, look: _Look) -> None:
+        """To the windows, from which others fall out."""
+        self._looks.append(look)
+        self._told += look.told
+        for at, length in enumerate(WINDOWS):
+            self._creep[at] += look.creep
+            if len(self._looks) > length:
+                old = self._looks[-1 - length]
+                self._told[at] -= old.told
+                self._creep[at] -= old.creep
 
     def _search(self, usual: Floats, covariance: Floats) -> float:
         """Follows what is found; returns the square of the surest change, by its variance."""
         top, found, now = 0.0, self.found, None
-        for window, looks in zip(self._windows, WINDOWS, strict=True):
-            forced = self._forced_slip(window.information, usual)
-            # Wheels creep alike as long as they are loaded: no longer window averages that out.
-            creep = window.creep / looks
-            unsure = covariance + self._accurate + creep * creep * self._creeps
-            tests = _Tests(self._changes, window, usual, unsure, forced)
-            top = max(top, float(tests.sure.max()))
-            if found is not None and window is self._windows[0] and self._ended(tests, found):
-                self.forget()
-                return top
-            if abs(tests.size[tests.evidence.argmax()]) > LARGEST:
+        # Wheels creep alike as long as they are loaded: no longer window averages that out.
+        creep = np.array(self._creep) / WINDOWS
+        unsure = covariance + self._accurate + (creep * creep)[:, None, None] * self._creeping
+        forced = self._forced_slip(self._told, usual)
+        tests = _Tests(self._changes, self._told, usual, unsure, forced)
+        if found is not None and self._ended(tests, found):
+            self.forget()
+            return float(tests.sure[0].max())
+        for at, best in enumerate(tests.best):
+            top = max(top, float(tests.sure[at, best]))
+            if abs(tests.size[at, best]) > LARGEST:
                 break  # longer windows have it in them, and seem to show something smaller
-            now = now or self._name(tests, looks)
+            now = now or self._name(tests, at, best)
         if found is None:
             # It lasts, and what began within a look has become clear.
             self._before = [*self._before, now.component if now is not None else ""][-AGREE:]
@@ -268,93 +281,92 @@ class SmallFaults:
         return top
 
     def _ended(self, tests: "_Tests", found: Change) -> bool:
-        """Whether the part is as it was before."""
+        """Whether the part is as it was before, by the shortest window."""
         own = [at for at, path in enumerate(self._paths) if path == found.component]
-        size, variance = tests.size[own], tests.variance[own]
-        missing = (size - found.size) ** 2 / variance
+        size = tests.size[0, own]
+        missing = (size - found.size) ** 2 * tests.told[0, own]
         return bool(np.all(np.abs(size) < 0.5 * abs(found.size)) and np.all(missing > SURE / 2))
 
-    def _name(self, tests: "_Tests", looks: int) -> Change | None:
-        """The change that a window shows, if a part explains it, and no other does."""
-        evidence = tests.evidence
-        best = int(evidence.argmax())
-        path = self._paths[best]
-        if not path or tests.sure[best] < SURE:
+    def _name(self, tests: "_Tests", window: int, best: int) -> Change | None:
+        """The change that a window shows best, if a part explains it, and no other does."""
+        path, sure = self._paths[best], tests.sure[window]
+        if not path or sure[best] < SURE:
             return None
+        evidence = 0.5 * sure  # logarithms of how much likelier each is than no change
         others = [at for at, each in enumerate(self._paths) if each != path]
         if evidence[best] - evidence[others].max() < CLEAR:
             return None
-        if tests.unexplained(best) > CLEAR + UNEXPLAINED * evidence[best]:
+        if tests.unexplained(window, best) > CLEAR + UNEXPLAINED * evidence[best]:
             return None
-        if not self._lasts(tests, best, looks):
+        if not self._lasts(tests, window, best):
             return None
         if self.found is not None and self.found.component == path:
             for at, each in enumerate(self._paths):
                 same = each == path and self._kinds[at] == self.found.kind
                 if same and evidence[best] - evidence[at] < SURER:
                     best = at
-        return Change(
-            path, self._kinds[best], float(tests.size[best]), math.sqrt(tests.variance[best])
-        )
+        size, sigma = float(tests.size[window, best]), 1.0 / math.sqrt(tests.told[window, best])
+        return Change(path, self._kinds[best], size, sigma)
 
-    def _lasts(self, tests: "_Tests", best: int, looks: int) -> bool:
+    def _lasts(self, tests: "_Tests", window: int, best: int) -> bool:
         """Whether it also shows without the looks that speak for it most, which no shock does."""
-        change = self._changes[best] * math.copysign(1.0, tests.size[best])
+        change = self._changes[best] * math.copysign(1.0, tests.size[window, best])
+        looks = WINDOWS[window]
+        by_change = [change @ look.told for look in list(self._looks)[-looks:]]
         each = sorted(
-            (
-                float(change @ (right - information @ tests.usual)),
-                float(change @ information @ change),
-            )
-            for information, right, _, _ in list(self._looks)[-looks:]
+            (float(told[-1] - told[:-1] @ tests.usual), float(told[:-1] @ change))
+            for told in by_change
         )[: -min(SHOCKED, looks // 3)]
         for_it, told = sum(a for a, _ in each), sum(b for _, b in each)
         return for_it > 0.0 and for_it * for_it > 0.5 * SURE * told
 
 
 class _Tests:
-    """Each hypothesis against a window.
+    """Each hypothesis against each window.
 
     The constants of a sound robot are known as well as driving has shown them, and change a little;
     so a window's equations are those of the change, once what they say of that is eliminated. That
     drives give way to their load is hardly learnt, for example, until a motor that is wrong makes
     all others push.
 
-    Attributes:
-        size: Of the change, shape (K,).
-        variance: Of that.
-        sure: Squares of the sizes by their variances.
-        evidence: Logarithms of how much likelier each is than no change.
+    Args:
+        changes: What is looked for, shape (K, P).
+        told: Normal equations of W windows, shape (W, P, P + 1).
         usual: The constants as learnt, shape (P,).
+        unsure: Covariances of what they may be now, shape (W, P, P).
+        forced: Variance of the slip that calibration forces, by that of noise, shape (W, P).
+
+    Attributes:
+        size: Of the change, shape (W, K).
+        told: One over the variance of that.
+        sure: Squares of the sizes by their variances.
+        best: Which change each window shows best.
+        usual: As above.
     """
 
     def __init__(
-        self, changes: Floats, window: _Sums, usual: Floats, unsure: Floats, forced: Floats
+        self, changes: Floats, told: Floats, usual: Floats, unsure: Floats, forced: Floats
     ) -> None:
         self._changes, self.usual = changes, usual
-        count = len(usual)
-        told = np.empty((count, count + 1))  # the information, and what it says of the change
-        information, seen = told[:, :-1], told[:, -1]
-        heard = 1.0 / (1.0 + forced)
-        np.multiply(window.information, heard[:, None], out=information)
-        np.multiply(window.right, heard, out=seen)
-        seen -= information @ usual
+        heard = told / (1.0 + forced)[:, :, None]
+        information = heard[:, :, :-1]
+        heard[:, :, -1] -= information @ usual
         mixed = information @ unsure
-        mixed.flat[:: count + 1] += 1.0
-        left = np.linalg.solve(mixed, told)
-        self._information, self._seen = left[:, :-1], left[:, -1]
-        self._told = np.vecdot(changes @ self._information, changes)
-        np.maximum(self._told, 1e-9, out=self._told)
-        for_it = changes @ self._seen
-        self.size = for_it / self._told
-        self.variance: Floats = 1.0 / self._told
+        mixed.reshape(len(told), -1)[:, :: told.shape[-1]] += 1.0
+        self._left = np.linalg.solve(mixed, heard)
+        by_change = changes @ self._left
+        for_it = by_change[:, :, -1]
+        self.told = np.maximum(np.vecdot(by_change[:, :, :-1], changes), 1e-9)
+        self.size = for_it / self.told
         self.sure = for_it * self.size
-        self.evidence = 0.5 * self.sure
+        self.best: list[int] = self.sure.argmax(axis=1).tolist()
 
-    def unexplained(self, best: int) -> float:
+    def unexplained(self, window: int, best: int) -> float:
         """Evidence for any other change beside one."""
-        left = self._seen - self._information @ (self.size[best] * self._changes[best])
+        left = self._left[window]
+        left = left[:, -1] - left[:, :-1] @ (self.size[window, best] * self._changes[best])
         by_change = self._changes @ left
-        return float((0.5 * by_change * by_change / self._told).max())
+        return float((0.5 * by_change * by_change / self.told[window]).max())
 
 
 def _hypotheses(

@@ -163,22 +163,6 @@ def test_constants_are_not_learnt_from_what_is_missing(lost: int | None) -> None
     moving = Moving(config)
     constants = Constants(moving.layout, config, moving.rows, GYROS)
     block = [moving.shown(lost=lost) for _ in range(10)]
-    information, right = constants.equations([block])
-    assert np.isfinite(information).all()
-    assert np.isfinite(right).all()
-    assert not information[constants.off.start : constants.off.stop].any()
-
-
-def test_blocks_tell_together_what_each_tells_alone() -> None:
-    config = steered_drive(4)
-    moving = Moving(config)
-    constants = Constants(moving.layout, config, moving.rows, GYROS)
-    moving.command(omega=0.3)
-    whole = [moving.shown(yaw=0.3) for _ in range(13)]
-    missing = [moving.shown(lost=lost, yaw=0.3) for lost in (None, 2, None, 2)]
-    blocks = [whole[:10], whole[10:], missing]
-    information, right = constants.equations(blocks)
-    each = [constants.equations([block]) for block in blocks]
-    assert right.any()
-    assert np.allclose(information, sum(one for one, _ in each), rtol=1e-12)
-    assert np.allclose(right, sum(one for _, one in each), rtol=1e-12)
+    equations = constants.equations([block])
+    assert np.isfinite(equations).all()
+    assert not equations[constants.off.start : constants.off.stop].any()

@@ -82,18 +82,27 @@ def test_equations_tell_constants(config: DriveConfig) -> None:
     driven = Driven(config)
     constants = Constants(driven.layout, config, driven.rows, GYROS)
     driven.scale[0], driven.bias = 1.01, 0.03
-    information, right = np.diag(constants.prior), np.zeros(constants.count)
     shown = list(driven.drive(60.0))
-    for at in range(0, len(shown), 30):
-        blocks = [shown[first : first + 10] for first in range(at, at + 30, 10)]
-        more, of_it = constants.equations(blocks)
-        information += more
-        right += of_it
-    told = np.linalg.solve(information, right)
+    equations = constants.equations([shown[at : at + 10] for at in range(0, len(shown), 10)])
+    told = np.linalg.solve(np.diag(constants.prior) + equations[:, :-1], equations[:, -1])
     assert told[constants.gyro[0]] == pytest.approx(0.03, abs=0.004)
     scale = told[list(constants.scale)]
     assert scale[0] - scale[1] == pytest.approx(0.01, abs=0.002)
     assert told[constants.off[0]] - told[constants.off[1]] == pytest.approx(0.01, abs=0.002)
+
+
+@pytest.mark.parametrize("config", [steered_drive(4), differential_drive()])
+def test_blocks_say_together_what_each_says_by_itself(config: DriveConfig) -> None:
+    driven = Driven(config)
+    constants = Constants(driven.layout, config, driven.rows, GYROS)
+    shown = list(driven.drive(0.2))
+    driven.bias = math.nan
+    shown += driven.drive(0.02)
+    driven.bias = 0.0
+    shown += driven.drive(0.08)
+    blocks = [shown[:8], shown[8:19], shown[19:]]
+    each = sum(constants.equations([block]) for block in blocks)
+    assert constants.equations(blocks) == pytest.approx(each, rel=1e-9, abs=1e-6)
 
 
 def followed(config: DriveConfig) -> tuple[Driven, SmallFaults]:
