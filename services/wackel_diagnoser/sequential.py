@@ -66,7 +66,7 @@ class Sequential:
     def __init__(self, prior: Floats, same: list[int], limit: float) -> None:
         self._prior = prior
         self._same = np.array(same)
-        self._members = [np.flatnonzero(self._same == i) for i in range(max(same) + 1)]
+        self._members = [np.flatnonzero(self._same == i).tolist() for i in range(max(same) + 1)]
         self._limit = limit
         self._highest = 0.0
         self.alarm_s = 0.0
@@ -83,16 +83,23 @@ class Sequential:
 
     def step(self, likelihood: Floats, seconds: float) -> None:
         """Takes in the log-likelihoods of a step."""
-        sums, memory = self.sums, self.memory
+        memory = self.memory
         told = _INDEPENDENT * likelihood
-        evidence = told - _greatest(told.take(self._members[self.verdict]))
-        np.minimum(evidence, _BOUND, out=evidence)
-        sums += evidence
-        np.maximum(sums, _NOTHING, out=sums)
-        np.maximum(told, _greatest(told) - WORST, out=told)
+        best = _greatest(told)
+        usual = max([told.item(i) for i in self._members[self.verdict]])
+        # Mostly the verdict explains a step best, and all sums stay 0.
+        if self._highest or best > usual:
+            self._sum(told - usual, seconds)
+        np.maximum(told, best - WORST, out=told)
         memory *= math.exp(-seconds / MEMORY_S)
         memory += told
         np.maximum(memory, _greatest(memory) - DEEPEST, out=memory)
+
+    def _sum(self, evidence: Floats, seconds: float) -> None:
+        """Adds the evidence of a step against the verdict, shape (K,), to the sums."""
+        sums = self.sums
+        sums += np.minimum(evidence, _BOUND)
+        np.maximum(sums, _NOTHING, out=sums)
         self._highest = _greatest(sums)
         self.alarm_s = self.alarm_s + seconds if self._highest > self._limit else 0.0
         rises = self._highest > RISING * self._limit
