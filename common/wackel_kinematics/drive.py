@@ -134,9 +134,10 @@ class Drive:
         heading = last_axis(heading, self.n, "heading")
         if not self._all_steer:
             heading = np.where(self.steers, heading, self._mounted_heading)
-        each = heading.take(self.row_wheels, axis=-1)[..., None]
         with np.errstate(invalid="ignore"):
-            return np.asarray(np.cos(each) * self._by_cos + np.sin(each) * self._by_sin)
+            turns = np.cos(heading), np.sin(heading)
+        cos, sin = (each.take(self.row_wheels, axis=-1)[..., None] for each in turns)
+        return np.asarray(cos * self._by_cos + sin * self._by_sin)
 
     def known_rows(self, *headings: Sequence[float]) -> Floats:
         """As :meth:`rows_along`, up to rounding and in a third of the time.

@@ -92,45 +92,45 @@ class Observed:
     causes: Floats
 
 
-def observe(block: Block, rows: Rows) -> Observed | None:
-    """A block of two steps or more; ``None`` if anything is missing."""
-    if not all(measured.present is rows.every for _, _, measured, _ in block):
-        return None
+def is_whole(block: Block, rows: Rows) -> bool:
+    """Whether nothing is missing that :func:`observe` needs."""
+    gyros = rows.gyros.stop - rows.gyros.start
+    return gyros > 0 and all(measured.present is rows.every for _, _, measured, _ in block)
+
+
+def observe(block: Block, rows: Rows) -> Observed:
+    """A block of two steps or more, which :func:`is_whole`."""
+    (first, _, at_first, _), (last, _, at_last, _) = block[0], block[-1]
     z = np.array([measured.z for _, _, measured, _ in block])
     yaws, rolled = z[:, rows.gyros], z[:, rows.rolls]
-    if not yaws.size:
-        return None
-    begin, end = np.array(block[0][1].speed), np.array(block[-1][1].speed)
-    first, last = block[0][2].followed, block[-1][2].followed
-    vx, vy, omega = (0.5 * (first + last)).tolist()
-    seconds = (block[-1][0].end - block[0][0].end) / 1e9
+    vx, vy, omega = (0.5 * (at_first.followed + at_last.followed)).tolist()
+    seconds = (last.end - first.end) / 1e9
     # A current is read at a step's end, which lies half way between the middles of two steps.
     current = np.array([current for _, _, _, current in block[:-1]])
     between, intervals = 0.5 * (rolled[:-1] + rolled[1:]), len(block) - 1
-    turned = float(yaws[-1].mean()) ** 2 - float(yaws[0].mean()) ** 2
+    yaw = (np.add.reduce(yaws, axis=1) / yaws.shape[1]).tolist()
+    late = rows.lag_s / seconds * (last.heading - first.heading)
+    each = np.array([(step.heading, target.heading, target.speed) for step, target, _, _ in block])
+    heading, told, speed = np.add.reduce(each) / len(block)
+    begin, end = each[0, 2], each[-1, 2]
     hastened = float(end.dot(end) - begin.dot(begin))
-    late = rows.lag_s / seconds * (block[-1][0].heading - block[0][0].heading)
     return Observed(
-        _mean([step.heading for step, _, _, _ in block]) - late,
-        _mean([target.heading for _, target, _, _ in block]) - late,
-        _mean([target.speed for _, target, _, _ in block]) + HASTENING_S / seconds * (end - begin),
-        _mean(rolled),
-        float(yaws.sum()) / yaws.size,
-        (last - first) / seconds + np.array([-omega * vy, omega * vx, 0.0]),
+        heading - late,
+        told - late,
+        speed + HASTENING_S / seconds * (end - begin),
+        np.add.reduce(rolled) / len(block),
+        sum(yaw) / len(yaw),
+        (at_last.followed - at_first.followed) / seconds + (-omega * vy, omega * vx, 0.0),
         float(np.vdot(current, between)) / intervals,
         np.array(
             (
                 float(np.vdot(between, between)) / intervals,
                 0.5 * hastened / seconds,
-                0.5 * turned / seconds,
-                float(np.abs(between).sum()) / intervals,
+                0.5 * (yaw[-1] ** 2 - yaw[0] ** 2) / seconds,
+                float(np.add.reduce(np.abs(between), axis=None)) / intervals,
             )
         ),
     )
-
-
-def _mean(values: Sequence[Floats] | Sequence[list[float]] | Floats) -> Floats:
-    return np.asarray(np.add.reduce(values) / len(values))
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,6 @@ class ForcedMotion:
 
     def __init__(self, layout: Layout) -> None:
         drive = self._drive = layout.drive
-        self._to_beta = math.pi / 2 - drive.alpha
         self._n = drive.n
         length = drive.length_m
         self._inertia: Floats = np.array([1.0, 1.0, (GYRATION * length) ** 2])
@@ -175,7 +174,7 @@ class ForcedMotion:
             heading: True headings in each of K cases, shape (K, n).
             before: The same cases a moment ago.
         """
-        return self.predict(heading + self._to_beta, seen.speed, seen.acceleration, before)
+        return self.predict(heading, seen.speed, seen.acceleration, before)
 
     def compare(
         self,
@@ -235,7 +234,7 @@ class ForcedMotion:
 
     def predict(
         self,
-        steering: Floats,
+        heading: Floats,
         speed: Floats,
         acceleration: Floats,
         before: Motion | None = None,
@@ -243,20 +242,20 @@ class ForcedMotion:
         """How the robot moves.
 
         Args:
-            steering: β of each wheel, in each of K cases, shape (K, n).
+            heading: Of each wheel, rad, in each of K cases, shape (K, n).
             speed: At which each wheel is told to roll, m/s, shape (n,).
             acceleration: Commanded, in the robot frame, shape (3,).
             before: The same cases a moment ago.
         """
         n, stiffness = self._n, self._stiffness
-        rows = self._drive.rows(steering)
+        rows = self._drive.rows_along(heading)
         across = np.swapaxes(rows, 1, 2)
         told = np.concatenate((np.zeros(n), speed))
         creep = CREEP_M_S**2 + (CREEP_SHARE * float(np.abs(speed).max())) ** 2
         inertia = self._inertia * acceleration
         if before is None:
-            weights = np.full((len(steering), 2 * n), stiffness)
-            force: Floats = np.zeros(steering.shape)
+            weights = np.full((len(heading), 2 * n), stiffness)
+            force: Floats = np.zeros(heading.shape)
         else:
             weights, force = before.weights.copy(), before.force
         for left in range(FIRST_ITERATIONS if before is None else ITERATIONS, -1, -1):

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from wackel_diagnoser.forced import INDEPENDENT, Block, ForcedMotion, Motion, observe
+from wackel_diagnoser.forced import INDEPENDENT, Block, ForcedMotion, Motion, is_whole, observe
 from wackel_diagnoser.hypotheses import Class
 from wackel_diagnoser.references import ReferenceErrors
 from wackel_diagnoser.rows import Measured, Rows
@@ -121,9 +121,10 @@ class KindTest:
             motion: How wheels force each other.
             references: How well that is known of this robot, and what driving costs it.
         """
-        seen = observe(block, rows)
-        wheel = self._own - len(self._others)
-        if seen is None or not math.isfinite(float(seen.told[wheel])):
+        if not is_whole(block, rows):
+            return
+        seen, wheel = observe(block, rows), self._own - len(self._others)
+        if not math.isfinite(float(seen.told[wheel])):
             return
         headings = np.array([seen.heading, seen.heading])
         headings[0, wheel] = seen.told[wheel]

@@ -23,6 +23,7 @@ from wackel_diagnoser.forced import (
     Motion,
     Observed,
     can_force,
+    is_whole,
     observe,
 )
 from wackel_diagnoser.reference import Target, Twist
@@ -177,18 +178,17 @@ class ReferenceErrors:
             seconds: How long they took.
             stands_for: And with those that were not looked at.
         """
-        seen = observe(block, self._rows)
         motion = self._motion
-        if motion is None or seen is None:
+        if motion is None or not is_whole(block, self._rows):
             self._before = None
             return False
-        turned = float(np.abs([step.steered for step, _, _, _ in block]).max())
+        turned = np.abs([step.steered for step, _, _, _ in block]).max()
+        if not turned < TURNING_RAD_S * seconds / len(block):
+            return False
+        seen = observe(block, self._rows)
         off = np.abs(seen.rolled - seen.speed) - FOLLOWS_SHARE * np.abs(seen.speed)
-        if not (
-            off.max() < FOLLOWS_M_S
-            and np.abs(seen.heading - seen.told).max() < FOLLOWS_RAD
-            and turned < TURNING_RAD_S * seconds / len(block)
-        ):
+        astray = np.abs(seen.heading - seen.told).max()
+        if not (off.max() < FOLLOWS_M_S and astray < FOLLOWS_RAD):
             return False
         self._before = motion.move(seen, seen.heading + self._cases, self._before)
         power, floor = self.slip_power(seen), motion.grip_power(seen, SIZES)

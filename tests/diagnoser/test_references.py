@@ -21,7 +21,8 @@ def test_wheels_that_agree_are_forced_to_nothing(count: int) -> None:
     drive = layout.drive
     motion = inverse(drive, np.array([0.4, 0.1, 0.5]), drive.steering(np.zeros(count)))
     speed = drive.roll_radius * motion.wheel_rate
-    forced = ForcedMotion(layout).predict(motion.steering[None, :], speed, np.zeros(3))
+    heading = drive.heading(motion.steering)
+    forced = ForcedMotion(layout).predict(heading[None, :], speed, np.zeros(3))
     assert forced.yaw == pytest.approx([0.5], abs=1e-4)
     assert forced.rolled[0] == pytest.approx(speed, abs=1e-4)
     assert np.vecdot(forced.force, forced.rolled) == pytest.approx([0.0], abs=1e-3)
@@ -31,7 +32,7 @@ def test_a_wheel_that_stands_off_turns_the_robot_and_slows_it_on_both_sides_alik
     layout = Layout(steered_drive(4))
     drive = layout.drive
     motion = inverse(drive, np.array([0.5, 0.0, 0.0]), drive.steering(np.zeros(4)))
-    cases = np.tile(motion.steering, (2, 1))
+    cases = np.tile(drive.heading(motion.steering), (2, 1))
     cases[0, 0] += ERROR_RAD  # front left, and
     cases[1, 3] -= ERROR_RAD  # front right, mirrored
     speed = drive.roll_radius * motion.wheel_rate
@@ -49,7 +50,7 @@ def test_the_motors_pay_for_what_one_wheel_slips(wheel: int) -> None:
     drive = layout.drive
     motion = inverse(drive, np.array([0.5, 0.1, 0.4]), drive.steering(np.zeros(4)))
     speed = drive.roll_radius * motion.wheel_rate
-    cases = motion.steering[None, :].copy()
+    cases = drive.heading(motion.steering)[None, :]
     cases[0, wheel] += ERROR_RAD
     forced = ForcedMotion(layout).predict(cases, speed, np.zeros(3))
     slipped = GRIP_M_S2 / 4 * abs(speed[wheel]) * math.sin(ERROR_RAD)
@@ -61,7 +62,7 @@ def test_forces_of_a_moment_ago_lead_to_the_same_motion() -> None:
     drive = layout.drive
     forced = ForcedMotion(layout)
     motion = inverse(drive, np.array([0.5, 0.0, 0.3]), drive.steering(np.zeros(4)))
-    cases = motion.steering + np.diag([ERROR_RAD] * 4)
+    cases = drive.heading(motion.steering) + np.diag([ERROR_RAD] * 4)
     speed = drive.roll_radius * motion.wheel_rate
     before = forced.predict(cases, speed, np.zeros(3))
     now, anew = (
