@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wackel_kinematics.array import Bools, Floats, Ints, cross, dot
+from wackel_kinematics.array import LAST, NEXT, Bools, Floats, Ints, cross, dot
 from wackel_kinematics.drive import Drive
 
 COINCIDENT = 0.10
@@ -76,6 +76,9 @@ class Candidates:
         self._first: Ints = np.searchsorted(drive.slide_wheels, first)
         self._second: Ints = np.searchsorted(drive.slide_wheels, second)
         self._roll: Ints = drive.slide_count + np.searchsorted(drive.roll_wheels, self.w)
+        # Where the factors of c_k × c_l stand among all entries of the rows, shape (2, m, 3) each.
+        a, b = (3 * each[self._pair][:, None] for each in (self._first, self._second))
+        self._of_k, self._of_l = np.stack((a + NEXT, a + LAST)), np.stack((b + LAST, b + NEXT))
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -89,8 +92,10 @@ class Candidates:
         Returns:
             Shape (..., m, 3); the instantaneous centre of Σ is where the axles of k and l meet.
         """
-        pairs = cross(rows.take(self._first, axis=-2), rows.take(self._second, axis=-2))
-        return pairs.take(self._pair, axis=-2)
+        entries = rows.reshape(*rows.shape[:-2], 3 * rows.shape[-2])
+        products = entries.take(self._of_k, axis=-1)
+        products *= entries.take(self._of_l, axis=-1)
+        return np.asarray(products[..., 0, :, :] - products[..., 1, :, :])
 
     def levers(self, rows: Floats) -> Floats:
         """det [c_k; c_l; j_w] = j_w · Σ: distance of the contact of w to the other wheel's axle.
@@ -168,13 +173,8 @@ class Candidates:
 
     def _over(self, numerator: Floats, lever: Floats) -> Floats:
         """Quotient, NaN where the lever vanishes beside the drive's size."""
-        quotient: Floats = np.divide(
-            numerator,
-            lever,
-            out=np.full(lever.shape, np.nan),
-            where=np.abs(lever) > _DEPENDENT * self.drive.length_m,
-        )
-        return quotient
+        known = np.abs(lever) > _DEPENDENT * self.drive.length_m
+        return np.asarray(numerator / np.where(known, lever, np.nan))
 
 
 def _indices(members: Sequence[tuple[int, ...]], width: int) -> Ints:

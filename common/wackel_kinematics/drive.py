@@ -167,9 +167,7 @@ class Drive:
         """
         rate = last_axis(wheel_rate, self.n, "wheel rate")
         values = np.zeros((*rate.shape[:-1], len(self.row_wheels)))
-        np.multiply(
-            self.roll_radius, rate[..., self.roll_wheels], out=values[..., self.slide_count :]
-        )
+        values[..., self.slide_count :] = self.roll_radius * rate.take(self.roll_wheels, axis=-1)
         return values
 
     def scaled(self, rows: Floats) -> Floats:

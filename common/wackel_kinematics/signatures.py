@@ -25,7 +25,7 @@ def steering_signatures(candidates: Candidates) -> Bools:
 
 def as_text(signature: Bools) -> str:
     """A signature as the paper prints it: ``000101``."""
-    return "".join("1" if bit else "0" for bit in signature)
+    return "".join("1" if bit else "0" for bit in signature.tolist())
 
 
 def _wheels(candidates: Candidates) -> Ints:

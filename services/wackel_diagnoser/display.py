@@ -1,6 +1,8 @@
 """What is seen, for people: the ``residuals`` message."""
 
 import math
+from itertools import compress
+from operator import itemgetter
 
 import numpy as np
 
@@ -72,14 +74,15 @@ class Display:
         off = (measured.z - measured.h.dot(twist)).tolist()
         sigma = np.sqrt(variance).tolist()
         scale = np.sqrt(self._sensors.factors).tolist()
-        probabilities = self._tells.dot(self._sequential.posterior())
-        likeliest = np.argsort(-probabilities, kind="stable")[:SHOWN].tolist()
-        gyro = measured.z[rows.gyros][measured.present[rows.gyros]].tolist()
-        goal = np.where(np.isfinite(target.goal), target.goal, step.heading)
+        probabilities = self._tells.dot(self._sequential.posterior()).tolist()
+        told = zip(probabilities, self._told, strict=True)
+        likeliest = sorted(told, key=itemgetter(0), reverse=True)[:SHOWN]
+        present = measured.present.tolist()
+        gyro = list(compress(measured.z[rows.gyros].tolist(), present[rows.gyros]))
         judged = self._paper.judge(
             step.heading,
             step.wheel_rate,
-            goal,
+            np.array(target.goal) if target.known else step.heading,
             np.array(target.twist),
             sum(gyro) / len(gyro) if gyro else math.nan,
         )
@@ -91,18 +94,14 @@ class Display:
             steps=self._paper.steps(judged),
             rows=[
                 RowState(name=name, residual=r, sigma=s, scale=k)
-                for name, r, s, k, there in zip(
-                    rows.names, off, sigma, scale, measured.present.tolist(), strict=True
-                )
+                for name, r, s, k, there in zip(rows.names, off, sigma, scale, present, strict=True)
                 if there
             ],
             hypotheses=[
                 HypothesisState(
-                    components=list(self._told[i][0]),
-                    fault=self._told[i][1],
-                    probability=min(float(probabilities[i]), 1.0),
+                    components=list(components), fault=kind, probability=min(probability, 1.0)
                 )
-                for i in likeliest
+                for probability, (components, kind) in likeliest
             ],
             alarm=self._sequential.alarm,
             verdict=list(self._explanations[self._sequential.verdict]),

@@ -5,6 +5,7 @@ Thresholds are fixed, found by experiment, as in the paper.
 """
 
 import math
+from itertools import compress
 from typing import NamedTuple
 
 import numpy as np
@@ -64,8 +65,9 @@ class PaperSteps:
         ]
         suspects = [each for each in suspects if each[1].any()]
         self._suspects = [path for path, _ in suspects]
-        signatures = np.array([signature for _, signature in suspects], dtype=np.bool_)
-        self._signatures: Bools = signatures.reshape(len(suspects), len(drives[0]))
+        signatures = np.array([signature for _, signature in suspects], dtype=float)
+        # As numbers, so that products of matrices count candidates.
+        self._signatures: Floats = signatures.reshape(len(suspects), len(drives[0]))
         self._tolerance = np.array([SPEED, SPEED, SPEED / layout.drive.length_m])
         self.labels = self._candidates.labels
 
@@ -82,12 +84,14 @@ class PaperSteps:
             yaw: What the gyro shows, rad/s; NaN if there is none.
         """
         candidates, drive = self._candidates, self._drive
-        rows, commanded_rows = drive.rows_along(np.array((heading, goal)))
+        both = heading.tolist(), goal.tolist()
+        whole = math.isfinite(sum(map(sum, both)))
+        rows, aimed = drive.known_rows(*both) if whole else drive.rows_along(np.array(both))
         twists = candidates.twists(rows, drive.values(rate))
-        singular = candidates.singularities(commanded_rows)
+        singular = candidates.singularities(aimed)
         left = ~singular.any & np.isfinite(twists[:, 0])
         texts = {"I": self._text_of_first(singular.at_contact, singular.coincident)}
-        off: Bools = left & (np.abs(twists - command) > self._tolerance).any(axis=-1)
+        off = left & self._apart(twists, command)
         components: list[str] = []
         fault = ""
         if not math.isfinite(sum(command.tolist())):
@@ -158,8 +162,7 @@ class PaperSteps:
 
     def _match(self, off: Bools, left: Bools) -> list[str]:
         """Components whose signature the candidates show."""
-        shown = self._signatures & left
-        same = shown.any(axis=1) & (shown == off).all(axis=1)
+        same = (self._signatures * left == off).all(axis=1)
         return [self._suspects[i] for i in same.nonzero()[0]]
 
     def _consistent(self, twists: Floats, left: Bools) -> tuple[list[str] | None, Floats | None]:
@@ -167,17 +170,19 @@ class PaperSteps:
 
         Of several, those that leave the largest set that agrees.
         """
-        differs = self._apart(twists[:, None], twists[None, :])
-        without, with_it = left & ~self._signatures, left & self._signatures
-        # How many of those without differ from each candidate, and how many there are.
-        differing, sizes = without @ differs.astype(float), without.sum(axis=1)
-        possible = (sizes >= 2) & with_it.any(axis=1)
-        possible &= ~(without & (differing > 0)).any(axis=1)
-        possible &= ~(with_it & (differing < sizes[:, None])).any(axis=1)
+        differs = self._apart(twists[:, None], twists).astype(float)
+        with_it = self._signatures * left
+        without = left - with_it
+        sizes, others = np.add.reduce(without, axis=1), np.add.reduce(with_it, axis=1)
+        # How many of those without differ from each candidate.
+        differing = without @ differs
+        possible = (sizes >= 2) & (others > 0)
+        possible &= np.vecdot(differing, without) == 0
+        possible &= np.vecdot(differing, with_it) == sizes * others
         if possible.any():
             best = (possible & (sizes == sizes[possible].max())).nonzero()[0]
-            return [self._suspects[i] for i in best], _mean(twists[without[best[-1]]])
-        agree = left.any() and not differs[left][:, left].any()
+            return [self._suspects[i] for i in best], _mean(twists[without[best[-1]] > 0])
+        agree = not left @ differs @ left
         return (None, _mean(twists[left])) if agree else ([], None)
 
     def _fourth(self, consensus: Floats, command: Floats, yaw: float) -> tuple[str, str]:
@@ -192,9 +197,9 @@ class PaperSteps:
 
     def _text_of_first(self, at_contact: Bools, coincident: Bools) -> str:
         said = [
-            f"{', '.join(np.array(self.labels)[which])} singular ({kind})"
-            for kind, which in (("A", at_contact), ("B", coincident))
-            if which.any()
+            f"{', '.join(compress(self.labels, which))} singular ({kind})"
+            for kind, which in (("A", at_contact.tolist()), ("B", coincident.tolist()))
+            if any(which)
         ]
         return f"Left out: {'; '.join(said)}." if said else "No candidate is singular."
 
