@@ -77,7 +77,8 @@ class PaperSteps:
         """The steps for one moment.
 
         Args:
-            heading: Measured directions of the wheels, rad, shape (n,).
+            heading: Measured directions of the wheels, rad, shape (n,); NaN of those that are not
+                known, or do not steer.
             rate: Measured wheel rates, rad/s, shape (n,).
             goal: Directions that were commanded, for Step I; NaN where they are not known.
             command: The commanded twist; NaN if none is known.
@@ -161,7 +162,7 @@ class PaperSteps:
         return np.asarray((np.abs(a - b) > self._tolerance).any(axis=-1))
 
     def _match(self, off: Bools, left: Bools) -> list[str]:
-        """Components whose signature the candidates show."""
+        """Components whose signature the candidates show, some of which are off."""
         same = (self._signatures * left == off).all(axis=1)
         return [self._suspects[i] for i in same.nonzero()[0]]
 
