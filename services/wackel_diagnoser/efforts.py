@@ -26,8 +26,6 @@ LEARNT_S = 5.0
 """Of driving, from which on it is known what is usual."""
 SAME_S = 0.5
 """For so long wheels push each other much the same: the rest of it tells of friction no more."""
-
-
 OFF_S = 1.5
 """A torque that is off for so long is no transient of switching on: a gateway reads the register of
 each servo once a second, so for a second those that have been read say on and the others off."""
