@@ -54,7 +54,13 @@ class FastBody:
         self._load = GRAVITY / n
         self._inertia = np.array([1.0, 1.0, (GYRATION * drive.length_m) ** 2])
         self._rolls = drive.roll_wheels
-        self._radius = drive.roll_radius
+        # A tyre's contact slips along the row; rows of wheels with rollers are longer than 1.
+        straight = drive.rows(drive.steering(np.zeros(n)))
+        self._unit = (1.0 / np.hypot(straight[:, 0], straight[:, 1]))[:, None]
+        self._lever = self._unit[drive.slide_count :, 0]
+        self._radius = drive.roll_radius * self._lever
+        # What a motor holds with, per mass, at the contact.
+        self._stiffness = FRICTION * self._load / DROOP_M_S / self._lever**2
         self._row_wheels = drive.row_wheels
         self._contacts = np.zeros((n, len(drive.row_wheels)))
         self._contacts[drive.row_wheels, np.arange(len(drive.row_wheels))] = 1.0
@@ -62,7 +68,7 @@ class FastBody:
     def step(self, wheels: WheelStates, world: World, duration_s: float) -> None:
         """Move on."""
         drive, slides, rolls = self._drive, self._drive.slide_count, self._rolls
-        rows = drive.known_rows(drive.heading(wheels.steering).tolist())[0]
+        rows = drive.known_rows(drive.heading(wheels.steering).tolist())[0] * self._unit
         # Shares of 1 and 0: what holds each wheel's rolling.
         blocked: Floats = wheels.blocked[rolls].astype(np.float64)
         driven: Floats = wheels.driven[rolls] * (1.0 - blocked)
@@ -74,7 +80,6 @@ class FastBody:
         rough = ROUGHNESS * speed * math.sqrt(0.01 / duration_s)
         uneven = rough * self._random.standard_normal(len(rows))
         creep = CREEP_M_S**2 + (CREEP_SHARE * speed) ** 2
-        stiffness = FRICTION * self._load / DROOP_M_S
         grip = self._load * world.friction
 
         mass = self._inertia / duration_s
@@ -82,7 +87,7 @@ class FastBody:
         vx, vy, omega = before.tolist()
         moving = mass * before + self._inertia * (omega * vy, -omega * vx, 0.0) + world.push
         even = aim - uneven
-        yielding, free = driven * stiffness, 1.0 - held
+        yielding, free = driven * self._stiffness, 1.0 - held
         twist: Floats = before
         over_floor = (rows.dot(twist) + uneven)[slides:]
         rolled: Floats = aim[slides:]
@@ -92,16 +97,16 @@ class FastBody:
             slip *= slip
             weight = (grip / np.sqrt(self._contacts.dot(slip) + creep)).take(self._row_wheels)
             roll = weight[slides:]
-            roll *= yielding / (roll + stiffness) + blocked
+            roll *= yielding / (roll + self._stiffness) + blocked
             weighted = rows.T * weight
             twist = _solved(weighted.dot(rows), mass, moving + weighted.dot(even))
             over_floor = (rows.dot(twist) + uneven)[slides:]
             pull = roll * (aim[slides:] - over_floor)
-            rolled = driven * (wanted - pull / stiffness) + free * over_floor
+            rolled = driven * (wanted - pull / self._stiffness) + free * over_floor
         self._take(twist, rolled / self._radius, duration_s)
-        effort = driven * pull / (FRICTION * self._load)
+        effort = driven * pull * self._lever / (FRICTION * self._load)
         # What a jammed motor would need is more than it has.
-        jammed = blocked * wheels.driven[rolls] * wanted / DROOP_M_S
+        jammed = blocked * wheels.driven[rolls] * wanted / self._lever / DROOP_M_S
         self.effort[rolls] = np.clip(effort + jammed, -MOST_EFFORT, MOST_EFFORT)
 
     def _take(self, twist: Floats, rate: Floats, duration_s: float) -> None:

@@ -53,6 +53,49 @@ def differential_drive(track: float = 0.4, radius: float = 0.05, **settings: flo
     return DriveConfig(kind="differential", wheels=wheels, **settings)
 
 
+def other_drives() -> dict[str, DriveConfig]:
+    """One of each kind but these two; servo 1 + i drives, servo 101 + i steers wheel i."""
+    mecanum = [(0.2, 0.2, -1), (0.2, -0.2, 1), (-0.2, 0.2, 1), (-0.2, -0.2, -1)]
+    angles = [2 * math.pi * i / 3 for i in range(3)]
+    return {
+        "tricycle": DriveConfig(
+            kind="tricycle",
+            wheels=[
+                _wheel(0, x=0.5, y=0.0, steering=101, drive=1),
+                _wheel(1, x=0.0, y=0.2),
+                _wheel(2, x=0.0, y=-0.2),
+            ],
+        ),
+        "ackermann": DriveConfig(
+            kind="ackermann",
+            wheels=[
+                _wheel(0, x=0.5, y=0.2, steering=101),
+                _wheel(1, x=0.5, y=-0.2, steering=102),
+                _wheel(2, x=0.0, y=0.2, drive=3),
+                _wheel(3, x=0.0, y=-0.2, drive=4),
+            ],
+        ),
+        "mecanum": DriveConfig(
+            kind="mecanum",
+            wheels=[
+                _wheel(i, x=x, y=y, drive=1 + i, roller=side * math.pi / 4)
+                for i, (x, y, side) in enumerate(mecanum)
+            ],
+        ),
+        "omni": DriveConfig(
+            kind="omni",
+            wheels=[
+                _wheel(i, l=0.2, alpha=angle, heading=angle + math.pi / 2, drive=1 + i)
+                for i, angle in enumerate(angles)
+            ],
+        ),
+    }
+
+
+def _wheel(number: int, **settings: float) -> WheelConfig:
+    return WheelConfig(name=f"w{number}", radius=0.05, bus=BUS, **settings)
+
+
 @dataclass(frozen=True)
 class Errors:
     """How the true robot differs from the configured one.

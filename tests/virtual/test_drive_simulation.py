@@ -1,7 +1,7 @@
 """The drive without bus: what each fault does to the motion, and what sensors show of it."""
 
 import math
-from itertools import count
+from itertools import count, pairwise
 
 import msgspec
 import numpy as np
@@ -9,10 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.odometry.simulation import differential_drive, steered_drive
+from tests.odometry.simulation import differential_drive, other_drives, steered_drive
 from wackel_node.config import ConfigError, RobotConfig
 from wackel_node.config_drive import DriveConfig, GyroConfig
 from wackel_schemas.virtual import Injection
+from wackel_virtual.body import FRICTION, GRAVITY
 from wackel_virtual.calibration_errors import CalibrationErrors
 from wackel_virtual.drive_faults import DRIVE_KINDS
 from wackel_virtual.drive_simulation import Cycle, DriveSimulation
@@ -83,6 +84,24 @@ def test_a_differential_robot_does_what_it_can() -> None:
     vx, vy, omega = mean_twist(driven(robot, 3.0, (0.5, 0.4, 1.0))[-100:])
     assert (vx, omega) == pytest.approx((0.5, 1.0), rel=0.02)
     assert abs(vy) < 0.02  # its wheels resist
+
+
+@pytest.mark.parametrize(
+    ("name", "twist", "share"),
+    [
+        ("mecanum", (2.0, 0.0, 0.0), math.sqrt(0.5)),  # rollers push along their axes, at 45°
+        ("mecanum", (0.0, 2.0, 0.0), math.sqrt(0.5)),
+        ("tricycle", (2.0, 0.0, 0.0), 1 / 3),  # one wheel of three pushes
+        ("ackermann", (2.0, 0.0, 0.0), 1 / 2),
+    ],
+)
+def test_no_wheel_pushes_with_more_than_its_grip(
+    name: str, twist: tuple[float, float, float], share: float
+) -> None:
+    cycles = driven(simulation(other_drives()[name]), 0.3, twist)
+    speeds = [math.hypot(*cycle.twist[:2]) for cycle in cycles]
+    fastest = max(100 * (now - before) for before, now in pairwise(speeds))
+    assert fastest == pytest.approx(share * FRICTION * GRAVITY, rel=0.03)
 
 
 def test_motors_follow_with_a_lag_of_first_order() -> None:
