@@ -3,6 +3,7 @@
 import math
 
 from wackel_drive.alignment import Step
+from wackel_drive.stuck import SAMPLES, StuckValue
 from wackel_node.config_drive import RATE_FACTOR, GyroConfig
 from wackel_odometry.reports import Complaint
 from wackel_odometry.time_offset import TimeOffset
@@ -13,14 +14,6 @@ SATURATED_NS = 1_000_000_000
 """For so long after it the heading may have suffered."""
 SILENT_NS = 500_000_000
 """Longer than any driver's buffer."""
-FROZEN_SAMPLES = 25
-FROZEN_NS = 500_000_000
-"""A gyro's noise is about one step of its resolution; even a coarse one shows another value within
-25 samples if the robot turns meanwhile."""
-FROZEN_TURN = 0.1
-"""rad/s by which the wheels' yaw rate must change meanwhile: 100 steps of a common gyro."""
-FRESH_NS = 100_000_000
-"""Two periods of a slow gyro; what turns while it sends nothing does not tell that it is stuck."""
 RATE_NS = 1_000_000_000
 OFFSET_S = 0.02
 """At 5 rad/s², a quick turn's start, it makes an error of 0.1 rad/s."""
@@ -36,10 +29,7 @@ class GyroWatch:
 
     def __init__(self, config: GyroConfig) -> None:
         self._config = config
-        self._last: tuple[float, float, float] | None = None
-        self._same = 0  # samples
-        self._same_since = 0
-        self._turn: tuple[float, float] | None = None  # least and greatest meanwhile
+        self._value = StuckValue()
         self._saturated: int | None = None
         self._stamp: int | None = None
         self._heard: int | None = None  # end of the last step that it covered
@@ -51,20 +41,11 @@ class GyroWatch:
     @property
     def frozen(self) -> bool:
         """Whether its value is stuck."""
-        return (
-            self._stamp is not None
-            and self._same >= FROZEN_SAMPLES
-            and self._stamp - self._same_since >= FROZEN_NS
-            and self._turn is not None
-            and self._turn[1] - self._turn[0] >= FROZEN_TURN
-        )
+        return self._value.stuck
 
     def sample(self, stamp: int, values: tuple[float, float, float], rate: float | None) -> None:
         """A sample as it came; ``rate`` about the robot's z axis where it was taken."""
-        if values == self._last:
-            self._same += 1
-        else:
-            self._last, self._same, self._same_since, self._turn = values, 1, stamp, None
+        self._value.sample(stamp, values)
         if rate is not None and abs(rate) >= NEAR_SATURATION * self._config.saturation:
             self._saturated = stamp
         self._stamp = stamp
@@ -92,10 +73,8 @@ class GyroWatch:
             self._heard, self._useless = step.end, 0
         elif self._heard is None:
             self._heard = step.begin
-        sending = self._stamp is not None and abs(step.end - self._stamp) <= FRESH_NS
-        if sending and math.isfinite(wheels):
-            low, high = self._turn or (wheels, wheels)
-            self._turn = min(low, wheels), max(high, wheels)
+        if math.isfinite(wheels):
+            self._value.turns(step.end, wheels)
         self._offset.add(step.seconds, wheels, gyro - bias)
 
     def complaints(self, now: int, bias: float, sigma: float) -> list[Complaint]:
@@ -114,8 +93,8 @@ class GyroWatch:
             found.append(
                 Complaint(
                     "gyro_frozen",
-                    f"{self._same} samples with exactly the same value while the wheels turn",
-                    {"samples": self._same},
+                    f"{self._value.same} samples with exactly the same value while the wheels turn",
+                    {"samples": self._value.same},
                 )
             )
         if self._heard is not None and now - self._heard > SILENT_NS:
@@ -150,7 +129,7 @@ class GyroWatch:
 
     def _out_of_step(self, now: int, silent_ns: int) -> Complaint:
         """No sample covers the steps: there are none, or their stamps are of another time."""
-        if self._stamp is not None and self._useless >= FROZEN_SAMPLES:
+        if self._stamp is not None and self._useless >= SAMPLES:
             return _offset((self._stamp - now) / 1e9, 0.0)
         return Complaint(
             "gyro_silent", f"no sample for {silent_ns / 1e9:.1f} s of the wheels' time"
