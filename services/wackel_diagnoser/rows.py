@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from wackel_diagnoser.reference import Target
+from wackel_diagnoser.tyres import Tyres
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
 from wackel_kinematics.array import Bools, Floats
@@ -34,10 +35,8 @@ drive is no first-order lag."""
 LAG = 0.2
 """Share by which the lag of rolling may be another: those that are tried lie so far apart, and one
 that fits alike is kept."""
-FORCED = 0.8
-"""A wheel's slip by what the references of all wheels, each with its own lag, force on it."""
 SHARED = 0.4
-"""The same by the mean slip that they force on all wheels: friction passes it on."""
+"""A wheel's slip by the mean slip that references force on all wheels: friction passes it on."""
 DROOP_M_S = 0.03
 """By how much a drive gives way while wheels fight, half of it already at a slip of GRIP_M_S: a
 tyre that slips pushes no harder if it slips more."""
@@ -56,15 +55,6 @@ a step later: tyres and drives follow within 50 ms, and not evenly. What nobody 
 turn, but the gyro's."""
 UNKNOWN = 3.0
 """How much worse than configured calibration may be before driving has shown it."""
-SKIDS = 0.12
-"""Slip by speed at which a tyre has spent all its grip and skids: rubber, by the brush model. With
-a share f of it, it creeps by 1 - (1 - f)^(1/3) of that, and the less it is loaded, the more all
-creep alike: f of that differs from wheel to wheel, and of this again SHARED is one wheel's."""
-HOLDS_M_S2 = 6.5
-"""Acceleration at which they skid: rubber on a smooth floor. A command that jumps asks for more,
-and the robot is late by the rest, long after wheels roll and stand as they should."""
-REGULAR = 1e-9 * np.eye(3)
-"""For drives whose rows do not determine the twist."""
 SLOWEST = 0.01
 """m/s; a faulty wheel of a robot at rest is not off by less."""
 TREMBLE = 0.02
@@ -211,18 +201,10 @@ class Rows:
         self._no_slides, self._no_rolls = [0.0] * len(slides), [0.0] * len(rolls)
         self._no_constraints = [0.0] * self._constraints
         self._no_gyros, self._no_steering = [0.0] * len(settings), [0.0] * len(steered)
-        # The rows of a wheel that has both are square to each other, at any angle.
-        straight = drive.rows(drive.steering(np.zeros(drive.n)))
-        both = set(slides.tolist()) & set(rolls.tolist())
-        turning = {i for i in drive.row_wheels.tolist() if drive.steers[i]}
-        self._inverse: Floats | None = None
-        if turning <= both:
-            self._inverse = np.asarray(np.linalg.inv(straight.T @ straight + REGULAR))
+        self._tyres = Tyres(drive)
         self._gyro_before = self._turned = self._no_gyros
         # The references' yaw rate, and by how much that has changed of late, rad/s.
         self._told_yaw, self._asked = math.nan, 0.0
-        # What tyres have given the robot of the twist that wheels make: m/s, m/s, rad/s.
-        self._given: tuple[float, float, float] | None = None
         self.every: Bools = np.ones(self.count, dtype=np.bool_)
         self._untold: Bools = np.arange(self.count) < self.gyros.stop
         self.calibrate(self._calibration[: self.gyros.stop])
@@ -274,14 +256,14 @@ class Rows:
             for i in steered:
                 aimed[i] = told[i] + zeros[i] - late * turned[i]
             rows = drive.known_rows(stands, aimed) if whole else _any_rows(drive, stands, aimed)
-            forced, mean, followed = self._slip(rows[1], speeds)
+            forced, mean, followed = self._tyres.slip(rows[1], speeds)
             off, present = [heading[i] - told[i] for i in steered], self.every
             yielded = [-self.gives_way * load for load in loads]
             missed = [*map(sub, map(sub, rolled, speeds), yielded)]
         else:
             rows = drive.known_rows(stands) if whole else _any_rows(drive, stands)
             forced, mean, followed = self._no_constraints, 0.0, _NO_TWIST
-            self._given = None
+            self._tyres.forget()
             off, present = self._no_steering, self._untold
             missed = speeds = yielded = self._no_rolls
         h = self._h.copy()
@@ -304,7 +286,7 @@ class Rows:
         lagging = self._no_slides
         if len(lag) == len(sliding):
             lagging = [each * late for each, late in zip(sliding, lag, strict=True)]
-        creep = self._hastened(followed, mean, speed, dt) if target.known else 0.0
+        creep = self._tyres.creep(rows[1], followed, mean, speed, dt) if target.known else 0.0
         mean += creep
         gaps, slides = target.heading_gap, len(sliding)
         # While wheels turn, their references contradict each other: they really slip.
@@ -384,51 +366,6 @@ class Rows:
         self._asked = max(asked, ASKED_FADES * self._asked)
         most = ASKED * self._asked
         return [min(a, b, most) for a, b in zip(now, before, strict=True)]
-
-    def _hastened(self, followed: Floats, mean: float, speed: float, dt: float) -> float:
-        """How much all slip since wheels hasten the robot, m/s; 0 if it is not known.
-
-        Args:
-            followed: Twist that the wheels make, shape (3,).
-            mean: How much they slip against each other, m/s. Beyond what tyres creep with all their
-                grip, it takes its share of that: a tyre pushes against the way in which it slips.
-            speed: The fastest wheel's, m/s.
-            dt: Of the step, s.
-        """
-        x, y, omega = followed.tolist()
-        known = math.isfinite(x + y + omega)
-        if self._given is None or not known:
-            self._given = (x, y, omega) if known else None
-            return 0.0
-        before_x, before_y, before_omega = self._given
-        # Left alone, it goes straight on over the floor.
-        turned = before_omega * dt
-        gone_x, gone_y = before_x + turned * before_y, before_y - turned * before_x
-        asked = math.hypot(x - gone_x, y - gone_y, self._drive.length_m * (omega - before_omega))
-        whole, skids = HOLDS_M_S2 * dt, SKIDS * speed
-        fight = max(mean - skids, 0.0)
-        given = min(asked, whole * asked / math.hypot(asked, fight) if fight else whole)
-        share = given / asked if asked else 1.0
-        self._given = (
-            gone_x + share * (x - gone_x),
-            gone_y + share * (y - gone_y),
-            before_omega + share * (omega - before_omega),
-        )
-        load = given / whole
-        return skids * load * (1.0 - math.cbrt(1.0 - load)) + asked - given
-
-    def _slip(self, rows: Floats, speeds: list[float]) -> tuple[list[float], float, Floats]:
-        """How much the references contradict each other, m/s: by which each row may be off, and on
-        average; and the twist that they make."""
-        inverse = self._inverse
-        if inverse is None:
-            inverse = np.asarray(np.linalg.inv(rows.T @ rows + REGULAR))
-        twist = inverse.dot(np.array(speeds).dot(rows[self.rolls]))
-        slip: list[float] = rows.dot(twist).tolist()
-        for row, speed in enumerate(speeds, start=self.rolls.start):
-            slip[row] -= speed
-        mean = math.sqrt(sum([each * each for each in slip]) / len(slip))
-        return [FORCED * abs(each) for each in slip], mean, twist
 
 
 def _any_rows(drive: Drive, *headings: Sequence[float]) -> Floats:
