@@ -3,6 +3,7 @@
 Time is the stamps of the messages, so a recording gives the same as the robot.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from operator import or_
 
@@ -28,6 +29,7 @@ from wackel_diagnoser.small_faults import SmallFaults
 from wackel_diagnoser.verdicts import Verdicts
 from wackel_drive.alignment import Alignment, Step
 from wackel_drive.layout import Layout
+from wackel_drive.stuck import StuckValue
 from wackel_kinematics.array import Floats
 from wackel_node.config_drive import DriveConfig, GyroConfig
 from wackel_schemas.bus import BusState
@@ -71,7 +73,7 @@ class Diagnoser:
         shown: Callable[[], bool] = lambda: True,
     ) -> None:
         layout = Layout(config)
-        self._gyros = tuple(gyros)
+        self._values = {name: StuckValue() for name in gyros}
         self._alignment = Alignment(layout, gyros)
         self._reference = Reference(layout, config)
         self._commands = CommandWatch(layout)
@@ -142,8 +144,9 @@ class Diagnoser:
 
     def imu(self, name: str, sample: ImuSample) -> list[Message]:
         """Takes in a sample of a gyro; one that is not configured is ignored."""
-        if name not in self._gyros:
+        if name not in self._values:
             return []
+        self._values[name].sample(sample.stamp, sample.angular_velocity)
         self._alignment.gyro(name, sample)
         return self._steps()
 
@@ -206,6 +209,7 @@ class Diagnoser:
         rows.lag_s, rows.gives_way = self._small.lag_s, self._small.gives_way
         if learning:
             rows.calibrate(self._small.calibration)
+        self._watch_gyros(step.end, measured)
         evidence = measured, variance, efforts
         changed = self._verdicts.step(step, target, evidence, likelihood, currents)
         if self._steps_made % LOOK_EVERY == 0:
@@ -239,6 +243,15 @@ class Diagnoser:
         g = rows.gyros
         self._bias.learn(off[g] / left[g], variance[g] / left[g], seen[g], seconds, moving)
         self._unsure[g] = self._bias.variance
+
+    def _watch_gyros(self, end: int, measured: Measured) -> None:
+        """Which of them are stuck, while the robot is told to turn otherwise than before."""
+        repeating = {name: value for name, value in self._values.items() if value.same > 1}
+        told = float(measured.followed[2]) if repeating else math.nan
+        if math.isfinite(told):
+            for value in repeating.values():
+                value.turns(end, told)
+        self._verdicts.stuck(name for name, value in repeating.items() if value.stuck)
 
     def _correct(self) -> None:
         """The zero of a steering is wrong, or right again: what was concluded before is void."""

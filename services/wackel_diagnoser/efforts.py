@@ -82,7 +82,9 @@ class Efforts:
         self._current = [math.nan] * len(joints)
         self._read = [0] * len(joints)
         self._newest = 0
-        self._torque: list[bool | None] = [None] * self._rolls
+        # A motor that rolls the robot alone is held against those that steer.
+        watched = self._rolls if self._rolls > 1 else len(joints)
+        self._torque: list[bool | None] = [None] * watched
         self._some_off = False
         self._off_s = [0.0] * self._rolls
         self.off = [False] * self._rolls
@@ -112,7 +114,7 @@ class Efforts:
                     effort = math.nan
                 self._current[at] = sign * effort
                 self._read[at] = self._newest = state.stamp
-            if servo.torque_enabled is not None and at < self._rolls:
+            if servo.torque_enabled is not None and at < len(self._torque):
                 self._torque[at] = servo.torque_enabled
                 self._some_off = any(self._torque) and False in self._torque
 
@@ -219,7 +221,7 @@ class Efforts:
         some_on = any(torque)
         self._off_s = [
             off_s + seconds if some_on and on is False else 0.0
-            for on, off_s in zip(torque, self._off_s, strict=True)
+            for on, off_s in zip(torque, self._off_s, strict=False)
         ]
         self.off = [off_s >= OFF_S for off_s in self._off_s]
 

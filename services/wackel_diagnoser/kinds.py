@@ -39,6 +39,9 @@ CLEAR = 8.0
 """Evidence that a steering needs that is hardly off: calibration of 0.2° in each wheel shows half a
 degree in one with up to 5, as often as not of the wrong kind. Efforts never tell it."""
 NOTHING = np.zeros(0)
+TOLD, TOLD_SHARE = 0.05, 0.1
+"""rad/s, and share, by which a sound robot turns otherwise than commanded: lags and slip. That
+counts where no other wheels say how it turns."""
 WINDOW_S = 3.0
 """How long after the onset a kind is still reconsidered."""
 
@@ -81,7 +84,7 @@ class KindTest:
         weight[self._gyros] = 0.0
         yaw_all = _yaw(measured, weight)
         weight[self._spoilt] = 0.0
-        yaw = _yaw(measured, weight)
+        yaw = _yaw(measured, weight) or _told_yaw(measured)
         heard = measured.present[self._gyros]
         if yaw_all is not None and yaw is not None and heard.any():
             expected = yaw_all[0] - yaw[0]
@@ -89,8 +92,8 @@ class KindTest:
             noise = float(variance[self._gyros][heard].mean()) + yaw[1]
             self._xx += expected * expected / noise
             self._xe += expected * shown / noise
-        others = efforts[: len(self._others)][self._others]
-        both = np.array([efforts[self._own], others.mean()])
+        others = efforts[: len(self._others)][self._others].tolist()
+        both = np.array([efforts[self._own], sum(others) / len(others) if others else math.nan])
         if math.isfinite(float(both.sum())):
             self._efforts += seconds * both
             self._effort_s += seconds
@@ -158,6 +161,12 @@ class KindTest:
 def _strain(effort: float, limit: float) -> float:
     """Evidence of an effort; none where it is not known."""
     return WEIGHT * math.log(max(effort, 0.1) / limit) if math.isfinite(effort) else 0.0
+
+
+def _told_yaw(measured: Measured) -> tuple[float, float] | None:
+    """Yaw rate that was commanded, and the variance with which the robot follows."""
+    omega = float(measured.followed[2])
+    return (omega, (TOLD + TOLD_SHARE * abs(omega)) ** 2) if math.isfinite(omega) else None
 
 
 def _yaw(measured: Measured, weight: Floats) -> tuple[float, float] | None:

@@ -14,6 +14,8 @@ from collections import deque
 from collections.abc import Iterable, Sequence
 from itertools import compress
 
+import numpy as np
+
 from wackel_diagnoser.forced import ForcedMotion, can_force
 from wackel_diagnoser.hypotheses import Class, Hypotheses
 from wackel_diagnoser.kinds import WINDOW_S, KindTest
@@ -27,6 +29,7 @@ from wackel_diagnoser.standing import Standing
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
 from wackel_kinematics.array import Floats
+from wackel_kinematics.drive import Drive
 from wackel_schemas import component
 
 SOUND_S = 1.0
@@ -39,8 +42,8 @@ with the alarm that takes the verdict back, half a second."""
 PUSHES_NS = 500_000_000
 """For how long something pushes: what was a fault of a part for longer was no push."""
 SLIPS_NS = 2_000_000_000
-"""For how long a wheel of two may slip. Nothing but the gyro shows it, and tyres slip more often
-than gyros fail; of those that do, most stay wrong."""
+"""For how long a wheel may slip where nothing but the gyro shows it, as with two wheels: tyres slip
+more often than gyros fail; of those that do, most stay wrong."""
 DRAGGED_S = 1.0
 """How long an alarm must last to name a second wheel that rolls as it is told: what a faulty one
 makes the others slip changes with the motion, within a second."""
@@ -102,11 +105,13 @@ class Verdicts:
             component.wheel_drive(name): component.wheel_steering(name) for name in layout.names
         }
         self._motion = ForcedMotion(layout) if can_force(layout.drive) else None
+        self._spare = _spare(layout.drive, rows)
         self.since = 0
         self.kind: Class = ""
         self.test: KindTest | None = None
         self.steers_wrong = False
         self._free: frozenset[str] = frozenset()
+        self._stuck: frozenset[str] = frozenset()
         self._standing = Standing(len(self._rolls))
         self._of_gyros = {
             number
@@ -134,6 +139,13 @@ class Verdicts:
         if free != self._free:
             self._free = free
             self._small.forget()  # what was constant no longer is, or is again
+
+    def stuck(self, gyros: Iterable[str]) -> None:
+        """Which gyros' values are known to be stuck."""
+        stuck = frozenset(map(component.gyro, gyros))
+        if stuck != self._stuck:
+            self._stuck = stuck
+            self._small.forget()
 
     def void(self) -> None:
         """What was concluded before no longer holds."""
@@ -187,16 +199,21 @@ class Verdicts:
     def _follow(self, step: Step, target: Target) -> bool:
         """Takes what is proposed, if it may replace the verdict; says whether it did."""
         sequential, explanations = self._sequential, self._hypotheses.explanations
-        verdict, small = sequential.verdict, None if self._free else self._small.found
+        verdict, small = (
+            sequential.verdict,
+            None if self._free or self._stuck else self._small.found,
+        )
         proposal = sequential.proposal()
         if proposal is None and small is None and not verdict:  # as mostly
             return False
-        if proposal in self._of_gyros and len(self._rolls) == 2:
+        if proposal in self._of_gyros and self._spare <= 1:
             proposal = self._unless_slipped(proposal, step)
         if proposal in self._of_gyros:
             proposal = self._unless_strained(proposal)
         if self._free:
             proposal = self._unless_free(proposal)
+        if self._stuck:
+            proposal = self._unless_stuck(proposal)
         is_small = False
         now = set(explanations[verdict])
         stand = {self._drives[roll] for roll in self._standing.rows()} if verdict else set()
@@ -231,7 +248,7 @@ class Verdicts:
         return True
 
     def _unless_slipped(self, proposal: int, step: Step) -> int | None:
-        """What a gyro that seems wrong is, as long as a wheel of two may only slip."""
+        """What a gyro that seems wrong is, as long as a wheel may only slip."""
         sequential, slip = self._sequential, self._numbers[frozenset((component.DRIVE,))]
         if not sequential.verdict:
             return slip
@@ -257,17 +274,31 @@ class Verdicts:
         """What is proposed, or holds; or wheels that roll freely, if it is what those make seem.
 
         Which turns as it likes, or is dragged, seems to be steered wrong. Two wheels and a gyro
-        check each other, so without one of the wheels nothing tells of any other part.
+        check each other, so without one of the wheels nothing tells of any other part; nor does it
+        with three omnidirectional ones.
         """
         sequential, explanations = self._sequential, self._hypotheses.explanations
         free, verdict = self._numbers.get(self._free), sequential.verdict
         named = set(explanations[verdict if proposal is None else proposal])
-        seems = named <= {self._steerings[path] for path in self._free} or len(self._rolls) == 2
+        seems = named <= {self._steerings[path] for path in self._free}
+        seems = seems or self._spare <= len(self._free)
         if free is None or not named or named == self._free or not seems:
             return proposal
         if verdict != free:
             return free
         sequential.accept(free)  # which holds already
+        return None
+
+    def _unless_stuck(self, proposal: int | None) -> int | None:
+        """What is proposed, or holds; or the gyros that are stuck, which explain it."""
+        sequential, explanations = self._sequential, self._hypotheses.explanations
+        number, verdict = self._numbers.get(self._stuck), sequential.verdict
+        named = set(explanations[verdict if proposal is None else proposal])
+        if number is None or not named or self._stuck <= named:
+            return proposal
+        if verdict != number:
+            return number
+        sequential.accept(number)  # which holds already
         return None
 
     def _strain(self) -> float:
@@ -314,11 +345,17 @@ class Verdicts:
         lasts = lasts and not self._standing.rows()
         if self.kind == "sensor" or lasts:
             return False
-        return all(self._follows(path) for path in added)
+        return all(self._follows(path) or self._is_outskidded(path) for path in added)
 
     def _follows(self, path: str) -> bool:
         """Whether a part is a drive that rolls as it is told."""
         return path in self._drives and self._standing.follows(self._drives.index(path))
+
+    def _is_outskidded(self, path: str) -> bool:
+        """Whether a part is a gyro that only seems wrong: one wheel alone cannot drag others that
+        stand, but skids, and nothing else tells of it."""
+        stand = len(self._standing.rows())
+        return path.startswith("gyro/") and stand > 0 and len(self._rolls) - stand <= 1
 
     def _watch_standing(self, step: Step, target: Target, measured: Measured) -> None:
         """Which wheels do what they are told."""
@@ -349,3 +386,11 @@ class Verdicts:
         faulty = likelihood[members[self._sequential.verdict]].max()
         evidence = float(faulty - likelihood[members[0]].max())
         self._soundness.step(step, target, *rows, evidence)
+
+
+def _spare(drive: Drive, rows: Rows) -> int:
+    """How many more rows there are than say what the twist is."""
+    fixed = ~drive.steers[drive.slide_wheels]
+    never = drive.rows(drive.steering(np.zeros(drive.n)))[: drive.slide_count][fixed]
+    told = len(rows.names[rows.rolls]) + len(rows.names[rows.gyros]) + int((~fixed).sum())
+    return told - 3 + int(np.linalg.matrix_rank(never)) if len(never) else told - 3

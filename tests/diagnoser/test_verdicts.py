@@ -251,3 +251,15 @@ def test_a_wheel_that_sticks_is_not_taken_for_a_gyro_that_changes() -> None:
     rig.inject("wheel_temporarily_blocked", "w0", 0.355)
     rig.drive(2.5)
     assert rig.active() == [("wheel_sticks", "wheel/w0/drive")]
+
+
+@pytest.mark.parametrize("number", [0, 2, 5])
+def test_a_gyro_that_is_stuck_is_not_taken_for_a_wheel_of_two(number: int) -> None:
+    rig = Rig.of(f"tune/two/{number}", differential_drive())
+    rig.drive(SHORT_WARM_UP_S)
+    rig.inject("gyro_frozen")
+    rig.drive(6.0)
+    assert rig.active() == [("gyro_deviates", "gyro/body")]
+    rig.simulation.heal()
+    rig.drive(4.0)
+    assert rig.active() == []

@@ -1,0 +1,68 @@
+"""Drives that are not all of steered wheels: what each can tell, and that it tells no more."""
+
+import pytest
+
+from tests.diagnoser.rig import SHORT_WARM_UP_S, Rig
+from tests.odometry.simulation import other_drives
+
+DRIVES = other_drives()
+ROLLS = {"tricycle": "w0", "ackermann": "w2", "mecanum": "w1", "omni": "w2"}
+
+
+def rig(name: str, driving: str = "random") -> Rig:
+    return Rig.of(f"tune/{name}", DRIVES[name], driving=driving)
+
+
+@pytest.mark.parametrize("driving", ["jumps", "random"])
+@pytest.mark.parametrize("name", DRIVES)
+def test_a_sound_robot_that_skids_as_it_is_told_has_no_fault(name: str, driving: str) -> None:
+    robot = rig(name, driving)
+    robot.drive(40.0)
+    assert [
+        (report.code, report.component)
+        for report in robot.reports
+        if not report.code.startswith("command")
+    ] == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "code"),
+    [
+        ("wheel_blocked", "wheel_blocked"),
+        ("wheel_free", "wheel_free"),
+        ("drive_sensor_stuck", "wheel_sensor"),
+    ],
+)
+@pytest.mark.parametrize("name", DRIVES)
+def test_a_faulty_drive_is_named_alone(name: str, kind: str, code: str) -> None:
+    robot, wheel = rig(name), ROLLS[name]
+    robot.drive(SHORT_WARM_UP_S)
+    assert robot.reports == []
+    robot.inject(kind, wheel)
+    robot.drive(4.0)
+    assert robot.active() == [(code, f"wheel/{wheel}/drive")]
+
+
+@pytest.mark.parametrize("name", DRIVES)
+def test_a_gyro_that_jumps_is_named(name: str) -> None:
+    robot = rig(name)
+    robot.drive(SHORT_WARM_UP_S)
+    robot.inject("gyro_offset", value=0.3)
+    robot.drive(4.0)
+    assert robot.active() == [("gyro_deviates", "gyro/body")]
+
+
+def test_one_wheel_that_drags_another_in_vain_is_no_fault_of_the_gyro() -> None:
+    robot = rig("ackermann")
+    robot.drive(SHORT_WARM_UP_S)
+    robot.inject("wheel_blocked", "w3")
+    robot.drive(8.0)
+    assert robot.active() == [("wheel_blocked", "wheel/w3/drive")]
+
+
+def test_without_a_free_wheel_of_three_omnidirectional_ones_nothing_else_can_be_told() -> None:
+    robot = rig("omni")
+    robot.drive(SHORT_WARM_UP_S)
+    robot.inject("wheel_loose", "w1")
+    robot.drive(5.0)
+    assert robot.active() == [("wheel_free", "wheel/w1/drive")]
