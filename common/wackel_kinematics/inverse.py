@@ -6,6 +6,7 @@ follows a path of twists without jumps, even where the centre of rotation passes
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -70,6 +71,41 @@ def inverse(
     slip[..., drive.slide_wheels] = seen[..., : drive.slide_count]
     wheel_rate[..., drive.roll_wheels] = seen[..., drive.slide_count :] / drive.roll_radius
     return WheelMotion(beta, wheel_rate, slip)
+
+
+def wheel_goals(
+    drive: Drive, twist: tuple[float, float, float], heading: Sequence[float]
+) -> tuple[list[float], list[float]]:
+    """As :func:`inverse` of one twist, up to rounding and in a quarter of the time.
+
+    Args:
+        drive: The wheels.
+        twist: m/s, m/s, rad/s.
+        heading: Rolling directions now, of all wheels, fixed or not; rad.
+
+    Returns:
+        Heading and wheel rate of each wheel.
+    """
+    # For some wheels, Python is faster with single numbers than numpy.
+    vx, vy, omega = twist
+    goal = list(heading)
+    for i, ((x, y), steers) in enumerate(
+        zip(drive.xy.tolist(), drive.steers.tolist(), strict=True)
+    ):
+        along, left = vx - omega * y, vy + omega * x
+        if steers and math.hypot(along, left) >= STANDSTILL_M_S:
+            step = math.atan2(left, along) - goal[i]
+            goal[i] += step - math.pi * round(step / math.pi)
+    seen = drive.known_rows(goal)[0].dot(twist).tolist()
+    rate = [0.0] * drive.n
+    for wheel, radius, speed in zip(
+        drive.roll_wheels.tolist(),
+        drive.roll_radius.tolist(),
+        seen[drive.slide_count :],
+        strict=True,
+    ):
+        rate[wheel] = speed / radius
+    return goal, rate
 
 
 def steering_rate(drive: Drive, twist: Floats, twist_rate: Floats) -> Floats:

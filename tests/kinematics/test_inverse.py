@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from tests.kinematics.geometry import moving_drives, ring, steering_of, twists
 from wackel_kinematics.array import Floats
 from wackel_kinematics.drive import Drive
-from wackel_kinematics.inverse import STANDSTILL_M_S, inverse, steering_rate
+from wackel_kinematics.inverse import STANDSTILL_M_S, inverse, steering_rate, wheel_goals
 from wackel_kinematics.layouts import ackermann
 from wackel_kinematics.planar import instantaneous_centre
 
@@ -35,6 +35,19 @@ def test_a_wheel_that_stands_right_stays_put(
     first = inverse(drive, twist, data.draw(steering_of(drive)))
     second = inverse(drive, twist, first.steering)
     np.testing.assert_allclose(second.steering, first.steering, atol=1e-12)
+
+
+@settings(max_examples=50)
+@given(moving_drives(), st.data())
+def test_goals_of_one_twist_are_those_of_many(
+    moving: tuple[Drive, Floats], data: st.DataObject
+) -> None:
+    drive, (vx, vy, omega) = moving
+    now = data.draw(steering_of(drive))
+    many = inverse(drive, np.array([[vx, vy, omega]]), now)
+    heading, rate = wheel_goals(drive, (vx, vy, omega), drive.heading(now).tolist())
+    np.testing.assert_allclose(heading, drive.heading(many.steering)[0], atol=1e-9)
+    np.testing.assert_allclose(rate, many.wheel_rate[0], atol=1e-9)
 
 
 def test_reversing_turns_the_wheels_backward_and_steers_nothing() -> None:
