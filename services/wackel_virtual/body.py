@@ -3,12 +3,12 @@
 Two bodies keep this contract: :mod:`wackel_virtual.fast_body` without contact physics, and
 :mod:`wackel_virtual.mujoco_body`. Both take the masses from here, so that they differ only in how
 a wheel touches the floor.
+
+Lists of single numbers: for some wheels, Python is faster with them than numpy.
 """
 
 from dataclasses import dataclass
-from typing import Protocol
-
-from wackel_kinematics.array import Bools, Floats
+from typing import Protocol, TypeAlias
 
 GRAVITY = 9.81
 FRICTION = 0.8
@@ -22,22 +22,25 @@ integral part, 4 % at 1.5 m/s."""
 MOST_EFFORT = 1.5
 """Greatest torque of a motor, by that at which its tyre slips on a dry floor."""
 
+InPlane: TypeAlias = tuple[float, float, float]
+"""Along x, along y, and about the vertical."""
+
 
 @dataclass(slots=True)
 class WheelStates:
-    """What holds the wheels now; arrays of n.
+    """What holds the wheels now; lists of n.
 
     Attributes:
         rate: At which a driven wheel is held, rad/s.
         driven: Whether the motor holds it; else it rolls as the floor moves it.
         blocked: Whether it is jammed.
-        steering: β at which it truly stands, rad.
+        heading: Direction in which it truly rolls forward, rad from the robot's x axis.
     """
 
-    rate: Floats
-    driven: Bools
-    blocked: Bools
-    steering: Floats
+    rate: list[float]
+    driven: list[bool]
+    blocked: list[bool]
+    heading: list[float]
 
 
 @dataclass(slots=True)
@@ -49,8 +52,8 @@ class World:
         push: Force in the robot frame, and moment, per mass of the robot: m/s², m/s², m²/s².
     """
 
-    friction: Floats
-    push: Floats
+    friction: list[float]
+    push: InPlane
 
 
 class Body(Protocol):
@@ -64,11 +67,11 @@ class Body(Protocol):
         effort: Torque of each motor, by that at which its tyre slips on a dry floor.
     """
 
-    pose: Floats
-    twist: Floats
-    angle: Floats
-    rate: Floats
-    effort: Floats
+    pose: InPlane
+    twist: InPlane
+    angle: list[float]
+    rate: list[float]
+    effort: list[float]
 
     def step(self, wheels: WheelStates, world: World, duration_s: float) -> None:
         """Move on."""

@@ -12,8 +12,6 @@ from collections import deque
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
-import numpy as np
-
 from wackel_drive.layout import Joint
 from wackel_node.config_drive import DriveConfig, GyroConfig
 from wackel_schemas.virtual import Injection
@@ -229,21 +227,20 @@ class CoupledDrive:
 
     def _step(self) -> None:
         drivetrain, n = self.drivetrain, self._layout.drive.n
-        rate, powered = np.zeros(n), np.zeros(n, dtype=np.bool_)
+        rate, powered = [0.0] * n, [False] * n
         for i, shaft in enumerate(self._rolling):
             if shaft is not None:
                 rate[i], powered[i] = shaft.wanted_rate, shaft.has_torque
-        heading, steered = np.zeros(n), np.zeros(n, dtype=np.bool_)
+        heading, steered = [*drivetrain.steered], [False] * n
         for i, (shaft, joint) in enumerate(zip(self._steering, self._layout.steering, strict=True)):
             if shaft is not None and joint is not None:
                 heading[i], steered[i] = shaft.wanted_angle + joint.offset, shaft.has_torque
-        demand = Demand(rate, powered, self._layout.drive.steering(heading), steered)
-        drivetrain.step(demand, self._tick_ns / 1e9)
+        drivetrain.step(Demand(rate, powered, heading, steered), self._tick_ns / 1e9)
         self._show()
         if drivetrain.free is not self._free:
             for shaft, was, off in zip(self._rolling, self._free, drivetrain.free, strict=True):
                 if shaft is not None and was != off:
-                    shaft.switch_motor_off(bool(off), self._now_ns)
+                    shaft.switch_motor_off(off, self._now_ns)
         self._free = drivetrain.free
         for name, gyro in self._gyros.items():
             self._sample(name, gyro)
@@ -253,20 +250,14 @@ class CoupledDrive:
         drivetrain, now_ns = self.drivetrain, self._now_ns
         for i, shaft in enumerate(self._rolling):
             if shaft is not None:
-                shaft.show(
-                    now_ns,
-                    float(drivetrain.rolled[i]),
-                    float(drivetrain.rate[i]),
-                    float(drivetrain.current[i]),
-                )
-        headings = self._layout.drive.heading(drivetrain.steered)
+                shaft.show(now_ns, drivetrain.rolled[i], drivetrain.rate[i], drivetrain.current[i])
         for i, (shaft, joint) in enumerate(zip(self._steering, self._layout.steering, strict=True)):
             if shaft is not None and joint is not None:
                 shaft.show(
                     now_ns,
-                    float(headings[i]) - joint.offset,
-                    float(drivetrain.steering_rate[i]),
-                    float(drivetrain.steering_current[i]),
+                    drivetrain.steered[i] - joint.offset,
+                    drivetrain.steering_rate[i],
+                    drivetrain.steering_current[i],
                 )
 
     def _sample(self, name: str, gyro: GyroConfig) -> None:

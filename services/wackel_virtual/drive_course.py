@@ -5,8 +5,8 @@ from math import atan2, cos, hypot, inf, pi, sin
 from random import Random
 
 from wackel_drive.layout import Layout
-from wackel_kinematics.array import Floats
 from wackel_schemas.virtual import Injection
+from wackel_virtual.body import InPlane
 from wackel_virtual.drive_faults import Moment, checked_drive
 from wackel_virtual.faults import matches
 
@@ -76,7 +76,7 @@ class DriveCourse:
         """The faults that act now, in the order in which they were injected."""
         return [(fault.injection, fault.moment) for fault in self._faults if fault.active]
 
-    def advance(self, now_s: float, pose: Floats, twist: Floats) -> bool:
+    def advance(self, now_s: float, pose: InPlane, twist: InPlane) -> bool:
         """Go on to this time; the robot's pose and twist say where a patch of ice is laid.
 
         Returns:
@@ -91,7 +91,7 @@ class DriveCourse:
         self._next_s = min((min(fault.next_s, fault.end_s) for fault in self._faults), default=inf)
         return True
 
-    def _go_on(self, fault: _Fault, pose: Floats, twist: Floats) -> None:
+    def _go_on(self, fault: _Fault, pose: InPlane, twist: InPlane) -> None:
         """Begin, or jam and come free in turns."""
         random, moment = fault.random, fault.moment
         if not fault.active:
@@ -109,10 +109,10 @@ class DriveCourse:
         mean = JAM_MEAN_S if moment.jammed else JAM_MEAN_S * (1.0 - share) / share
         fault.next_s += random.expovariate(1.0 / mean)
 
-    def _ahead(self, pose: Floats, twist: Floats) -> tuple[float, float]:
+    def _ahead(self, pose: InPlane, twist: InPlane) -> tuple[float, float]:
         """Centre of a patch of ice that the robot is about to touch."""
-        x, y, heading = pose.tolist()
-        vx, vy, _ = twist.tolist()
+        x, y, heading = pose
+        vx, vy, _ = twist
         speed = hypot(vx, vy)
         direction = heading + (atan2(vy, vx) if speed > STANDING_M_S else 0.0)
         distance = self._layout.drive.length_m + PATCH_RADIUS_M

@@ -8,14 +8,14 @@
 """
 
 from dataclasses import dataclass
-from math import inf
+from math import inf, pi
 from random import Random
 
 import numpy as np
 
 from wackel_drive.layout import Joint
-from wackel_kinematics.array import Bools, Floats
-from wackel_kinematics.inverse import inverse
+from wackel_kinematics.array import Floats
+from wackel_kinematics.inverse import wheel_goals
 from wackel_node.config import ConfigError, RobotConfig
 from wackel_node.config_drive import GyroConfig
 from wackel_schemas.bus import BusState, ServoState
@@ -26,7 +26,7 @@ from wackel_virtual.drivetrain import Demand, Drivetrain, Physics
 from wackel_virtual.motion import TIME_CONSTANT_S
 
 START_NS = 1_700_000_000_000_000_000
-VELOCITY_STEP = 0.229 * 2 * np.pi / 60
+VELOCITY_STEP = 0.229 * 2 * pi / 60
 """Of Present Velocity, rad/s (e-manual, X series)."""
 CURRENT_STEP = 2.69e-3
 """Of Present Current, A (e-manual, XM430-W210)."""
@@ -101,15 +101,14 @@ class DriveSimulation:
         self._layout = layout
         self._step = robot.drive.encoder_step
         self._dt = 1.0 / rate
-        self._goal = self._drivetrain.steered.copy()
-        self._most = np.full(layout.drive.n, inf)
-        self._most[layout.drive.roll_wheels] = MOST_M_S / layout.drive.roll_radius
-        self._powered = np.ones(layout.drive.n, dtype=np.bool_)
+        self._goal = self._drivetrain.steered
+        self._most = [MOST_M_S / (wheel.radius_m or inf) for wheel in layout.drive.wheels]
+        self._powered = [True] * layout.drive.n
         self._cycle = 0
 
     @property
-    def blocked(self) -> Bools:
-        """Which wheels a fault holds now, shape (n,)."""
+    def blocked(self) -> list[bool]:
+        """Which wheels a fault holds now."""
         return self._drivetrain.blocked
 
     def inject(self, injection: Injection) -> None:
@@ -130,46 +129,48 @@ class DriveSimulation:
         self._cycle += 1
         end = START_NS + round(self._cycle * self._dt * 1e9)
         drivetrain = self._drivetrain
-        motion = inverse(self._layout.drive, np.array([vx, vy, omega]), self._goal)
-        self._goal = motion.steering
-        rate = np.minimum(self._most, np.maximum(-self._most, motion.wheel_rate))
-        drivetrain.step(Demand(rate, self._powered, self._goal, self._powered), self._dt)
+        self._goal, rates = wheel_goals(self._layout.drive, (vx, vy, omega), self._goal)
+        rates = [min(most, max(-most, rate)) for most, rate in zip(self._most, rates, strict=True)]
+        drivetrain.step(Demand(rates, self._powered, self._goal, self._powered), self._dt)
         sample = ImuSample(stamp=(begin + end) // 2, angular_velocity=drivetrain.sample(self.gyro))
         return Cycle(
             TwistCommand(stamp=begin, vx=vx, vy=vy, omega=omega),
             BusState(stamp=end, servos=self._servos()),
             sample,
-            drivetrain.body.pose,
-            drivetrain.body.twist,
+            np.array(drivetrain.body.pose),
+            np.array(drivetrain.body.twist),
         )
 
     def _servos(self) -> list[ServoState]:
         layout, drivetrain = self._layout, self._drivetrain
-        servos = []
-        rolled, rate, current = (
-            each.tolist() for each in (drivetrain.rolled, drivetrain.rate, drivetrain.current)
-        )
-        for i, joint in enumerate(layout.rolling):
-            if joint is not None:
-                state = self._servo(joint, rolled[i], rate[i], current[i])
-                state.torque_enabled = not drivetrain.free[i]
-                servos.append(state)
-        steered, rate, current = (
-            each.tolist()
-            for each in (
-                layout.drive.heading(drivetrain.steered),
+        servos = [
+            self._servo(joint, angle, rate, current, torque=not free)
+            for joint, angle, rate, current, free in zip(
+                layout.rolling,
+                drivetrain.rolled,
+                drivetrain.rate,
+                drivetrain.current,
+                drivetrain.free,
+                strict=True,
+            )
+            if joint is not None
+        ]
+        servos += [
+            self._servo(joint, heading - joint.offset, rate, current, torque=True)
+            for joint, heading, rate, current in zip(
+                layout.steering,
+                drivetrain.steered,
                 drivetrain.steering_rate,
                 drivetrain.steering_current,
+                strict=True,
             )
-        )
-        for i, joint in enumerate(layout.steering):
-            if joint is not None:
-                state = self._servo(joint, steered[i] - joint.offset, rate[i], current[i])
-                state.torque_enabled = True
-                servos.append(state)
+            if joint is not None
+        ]
         return servos
 
-    def _servo(self, joint: Joint, angle: float, rate: float, current: float) -> ServoState:
+    def _servo(
+        self, joint: Joint, angle: float, rate: float, current: float, *, torque: bool
+    ) -> ServoState:
         """As registers hold it."""
         sign, step = joint.sign, self._step
         shown = current + self._random.gauss(0.0, CURRENT_NOISE_A)
@@ -178,4 +179,5 @@ class DriveSimulation:
             position=step * round(sign * angle / step),
             velocity=VELOCITY_STEP * round(sign * rate / VELOCITY_STEP),
             current=CURRENT_STEP * round(sign * shown / CURRENT_STEP),
+            torque_enabled=torque,
         )

@@ -1,20 +1,20 @@
 """The drive of the virtual robot: motors, body, faults, and what its sensors show of them.
 
 Angles are those of the wheels as :class:`~wackel_drive.layout.Layout` has them: rolling forward
-and β as the servos believe it. Where wheel and servo differ (calibration, a wrong reference, a
-loose wheel), the difference lies between this and the body.
+and the heading as the servos believe it. Where wheel and servo differ (calibration, a wrong
+reference, a loose wheel), the difference lies between this and the body.
 """
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from math import exp, hypot, pi, sin
+from math import cos, exp, hypot, pi, sin
+from operator import add, sub
 from random import Random
 from typing import Literal
 
 import numpy as np
 
 from wackel_drive.layout import Layout
-from wackel_kinematics.array import Bools, Floats
 from wackel_kinematics.drive import Drive
 from wackel_kinematics.wheel import Wheel
 from wackel_node.config_drive import DriveConfig, GyroConfig
@@ -47,20 +47,20 @@ _ROUNDING_S = 1e-6
 
 @dataclass(slots=True)
 class Demand:
-    """What the servos are told; arrays of n.
+    """What the servos are told; lists of n.
 
     Attributes:
         rate: Goal of rolling, rad/s.
         powered: Whether the motor has torque.
-        steering: Goal of β, rad.
-        steering_powered: The same of the steering, which without torque stays where it is: its
-            gear is harder to turn than its wheel on the floor.
+        heading: Goal of the steering, rad; of a wheel that does not steer, its heading.
+        steering_powered: Whether the steering has torque; without, it stays where it is: its gear
+            is harder to turn than its wheel on the floor.
     """
 
-    rate: Floats
-    powered: Bools
-    steering: Floats
-    steering_powered: Bools
+    rate: list[float]
+    powered: list[bool]
+    heading: list[float]
+    steering_powered: list[bool]
 
 
 class Drivetrain:
@@ -79,7 +79,7 @@ class Drivetrain:
         body: Where it is, and how it moves.
         rolled: What the encoders show, rad.
         rate: rad/s.
-        steered: β that the sensors show, rad.
+        steered: Heading that the sensors show, rad.
         steering_rate: rad/s.
         current: Of the rolling motors, A.
         steering_current: A.
@@ -105,10 +105,11 @@ class Drivetrain:
         nominal = self.layout.drive
         first = next(iter(gyros.values()), GyroConfig())
         errors = errors or CalibrationErrors.drawn(drive, first, seed)
-        self._direction = np.where(nominal.steers, errors.direction, 0.0)
+        self._direction = errors.direction
         true = Drive([_true(wheel, errors, i) for i, wheel in enumerate(nominal.wheels)])
-        self._beta = nominal.steering(np.zeros(nominal.n))
-        self.body = _body(physics, true, self._beta + self._direction, seed)
+        # Steerings stand straight ahead.
+        self._heading: list[float] = nominal.heading(nominal.steering(np.zeros(nominal.n))).tolist()
+        self.body = _body(physics, true, [*map(add, self._heading, self._direction)], seed)
         self._gyros = {
             name: (
                 VirtualGyro(each, f"{seed}/{name}", errors.gyro_bias, errors.gyro_scale),
@@ -117,16 +118,16 @@ class Drivetrain:
             for name, each in gyros.items()
         }
         self._course = DriveCourse(self.layout, seed)
-        self._radii = np.ones(nominal.n)
-        self._radii[nominal.roll_wheels] = nominal.roll_radius
+        self._radii = [wheel.radius_m or 0.0 for wheel in nominal.wheels]
         self._time_s = 0.0
-        self._rate = np.zeros(nominal.n)
-        self.rolled = np.zeros(nominal.n)
-        self.rate = np.zeros(nominal.n)
-        self.steered = self._beta.copy()
-        self.steering_rate = np.zeros(nominal.n)
-        self.current = np.zeros(nominal.n)
-        self.steering_current = np.zeros(nominal.n)
+        still = [0.0] * nominal.n
+        self._rate = still
+        self.rolled = still
+        self.rate = still
+        self.steered = self._heading
+        self.steering_rate = still
+        self.current = still
+        self.steering_current = still
         self._stuck: dict[int, float] = {}
         self._take_over(DriveConditions())
 
@@ -154,110 +155,137 @@ class Drivetrain:
         self._time_s += duration_s
         gain = 1.0 - exp(-duration_s / self._lag_s)
 
-        powered = demand.powered & ~self.free
-        aim = self._scale * demand.rate
-        self._rate = np.where(powered, self._rate + gain * (aim - self._rate), body.rate)
-        error = demand.steering + self._offset - self._beta
-        turns = demand.steering_powered & ~self._jammed
-        most = STEERING_LIMIT_RAD_S * duration_s
-        turn = np.where(turns, np.minimum(most, np.maximum(-most, gain * error)), 0.0)
-        self._beta = self._beta + turn
+        powered = [on and not off for on, off in zip(demand.powered, self.free, strict=True)]
+        self._rate = [
+            rate + gain * (scale * goal - rate) if on else rolls
+            for on, rate, scale, goal, rolls in zip(
+                powered, self._rate, self._scale, demand.rate, body.rate, strict=True
+            )
+        ]
+        turns = self._steer(demand, gain, STEERING_LIMIT_RAD_S * duration_s)
 
-        before = body.angle.copy()
+        before = body.angle
         wheels = WheelStates(
             rate=self._rate,
-            driven=powered & ~self._loose,
+            driven=[on and not loose for on, loose in zip(powered, self._loose, strict=True)],
             blocked=self.blocked,
-            steering=self._beta + self._direction + self._reference,
+            heading=[
+                heading + direction + reference
+                for heading, direction, reference in zip(
+                    self._heading, self._direction, self._reference, strict=True
+                )
+            ],
         )
         body.step(wheels, self._world(), duration_s)
 
-        rate = np.where(self._loose, self._rate, body.rate)
-        turned = np.where(self._loose, self._rate * duration_s, body.angle - before)
-        effort = np.minimum(MOST_EFFORT, np.maximum(-MOST_EFFORT, error * MOST_EFFORT / STIFF_RAD))
-        self.steering_current = np.where(
-            demand.steering_powered,
-            GRIP_A * effort + FRICTION_A * turn / most,
-            0.0,
-        )
-        self.current = np.where(
-            powered,
-            GRIP_A * body.effort + FRICTION_A / FAST_M_S * rate * self._radii,
-            0.0,
-        )
-        self._show(rate, turned, turn / duration_s, duration_s)
+        rate, turned = [*body.rate], [*map(sub, body.angle, before)]
+        for wheel in self._conditions.loose:
+            rate[wheel], turned[wheel] = self._rate[wheel], self._rate[wheel] * duration_s
+        self.current = [
+            GRIP_A * effort + FRICTION_A / FAST_M_S * each * radius if on else 0.0
+            for on, effort, each, radius in zip(
+                powered, body.effort, rate, self._radii, strict=True
+            )
+        ]
+        self._show(rate, turned, [turn / duration_s for turn in turns], duration_s)
 
     def sample(self, name: str) -> tuple[float, float, float]:
         """What a gyro shows of the time since its last sample."""
         gyro, heading = self._gyros[name]
-        now_s, angle = self._time_s, float(self.body.pose[2])
+        now_s, angle = self._time_s, self.body.pose[2]
         passed = now_s - heading.time_s
-        mean = (angle - heading.angle) / passed if passed > 0 else float(self.body.twist[2])
+        mean = (angle - heading.angle) / passed if passed > 0 else self.body.twist[2]
         heading.time_s, heading.angle = now_s, angle
         now = self._conditions
         return gyro.sample(mean, now.gyro_offset, frozen=now.gyro_frozen)
 
-    def _show(self, rate: Floats, turned: Floats, steering_rate: Floats, passed_s: float) -> None:
-        """Readings, with the faults of sensors."""
-        if self._play is not None:
-            swing = 1.0 + self._play * sin(2 * pi * PLAY_HZ * self._time_s)
-            rate, turned = rate * swing, turned * swing
+    def _steer(self, demand: Demand, gain: float, most: float) -> list[float]:
+        """Steerings follow their goals.
+
+        Args:
+            demand: With the goals.
+            gain: Share of the way that they go.
+            most: Angle that they turn at most, rad.
+
+        Returns:
+            How far each turned, rad.
+        """
+        turned, current = [], []
+        for on, jammed, goal, offset, heading in zip(
+            demand.steering_powered,
+            self._jammed,
+            demand.heading,
+            self._offset,
+            self._heading,
+            strict=True,
+        ):
+            error = goal + offset - heading
+            turn = min(most, max(-most, gain * error)) if on and not jammed else 0.0
+            effort = min(MOST_EFFORT, max(-MOST_EFFORT, error * MOST_EFFORT / STIFF_RAD))
+            turned.append(turn)
+            current.append(GRIP_A * effort + FRICTION_A * turn / most if on else 0.0)
+        self._heading = [*map(add, self._heading, turned)]
+        self.steering_current = current
+        return turned
+
+    def _show(
+        self, rate: list[float], turned: list[float], steering_rate: list[float], passed_s: float
+    ) -> None:
+        """Readings, with the faults of sensors; lists are changed in place."""
         now = self._conditions
-        if now.drive_reading:
-            rate, turned = rate * self._reading, turned * self._reading
-        for wheel, shown in now.drive_stuck.items():
-            rate[wheel], turned[wheel] = shown, shown * passed_s
-        self.rolled += turned
+        for wheel, play in now.free.items():
+            swing = 1.0 + play * sin(2 * pi * PLAY_HZ * self._time_s)
+            rate[wheel], turned[wheel] = rate[wheel] * swing, turned[wheel] * swing
+        for wheel, more in now.drive_reading.items():
+            shown = 1.0 + more
+            rate[wheel], turned[wheel] = rate[wheel] * shown, turned[wheel] * shown
+        for wheel, stuck in now.drive_stuck.items():
+            rate[wheel], turned[wheel] = stuck, stuck * passed_s
+        self.rolled = [*map(add, self.rolled, turned)]
         self.rate = rate
-        beta = self._beta + self._misread
+        steered = [*self._heading]
+        for wheel, error in now.steering_reading.items():
+            steered[wheel] += error
         for wheel, angle in self._stuck.items():
-            beta[wheel], steering_rate[wheel] = angle, 0.0
-        self.steered, self.steering_rate = beta, steering_rate
+            steered[wheel], steering_rate[wheel] = angle, 0.0
+        self.steered, self.steering_rate = steered, steering_rate
 
     def _take_over(self, now: DriveConditions) -> None:
-        """Conditions as arrays."""
+        """Conditions as lists, by wheel."""
         self._conditions = now
         n = self.layout.drive.n
         self.free = _marked(n, now.free)
         self.blocked = _marked(n, now.blocked)
         self._loose = _marked(n, now.loose)
         self._jammed = _marked(n, now.steering_blocked)
-        self._scale = 1.0 + _filled(n, now.drive_scale)
-        self._reading = 1.0 + _filled(n, now.drive_reading)
+        self._scale = _filled(n, now.drive_scale, 1.0)
         self._offset = _filled(n, now.offset)
         self._reference = _filled(n, now.reference)
-        self._misread = _filled(n, now.steering_reading)
-        self._play = _filled(n, now.free) if any(now.free.values()) else None
-        headings = np.array([now.steering_stuck.get(i) or 0.0 for i in range(n)])
-        fixed = self.layout.drive.steering(headings)
         self._stuck = {
-            wheel: self._stuck.get(wheel, float(self.steered[wheel]))
-            if heading is None
-            else float(fixed[wheel])
+            wheel: self._stuck.get(wheel, self.steered[wheel]) if heading is None else heading
             for wheel, heading in now.steering_stuck.items()
         }
-        self._friction = np.full(n, FRICTION)
-        for wheel, friction in now.slippery.items():
-            self._friction[wheel] = friction
+        # Without patches and pushes.
+        self._calm_world = World([now.slippery.get(i, FRICTION) for i in range(n)], (0.0, 0.0, 0.0))
 
     def _world(self) -> World:
         now = self._conditions
-        friction, push = self._friction, np.zeros(3)
         if not (now.patches or now.pushes):
-            return World(friction, push)
-        x, y, heading = self.body.pose.tolist()
-        cos, sine = np.cos(heading), np.sin(heading)
-        if now.patches:
-            friction = friction.copy()
-            for i, (along, left) in enumerate(self.layout.drive.xy.tolist()):
-                at = (x + cos * along - sine * left, y + sine * along + cos * left)
-                for px, py, slippery in now.patches:
-                    if hypot(at[0] - px, at[1] - py) < PATCH_RADIUS_M:
-                        friction[i] = min(friction[i], slippery)
+            return self._calm_world
+        friction = [*self._calm_world.friction]
+        x, y, heading = self.body.pose
+        cosine, sine = cos(heading), sin(heading)
+        for i, (along, left) in enumerate(self.layout.drive.xy.tolist()):
+            at = (x + cosine * along - sine * left, y + sine * along + cosine * left)
+            for px, py, slippery in now.patches:
+                if hypot(at[0] - px, at[1] - py) < PATCH_RADIUS_M:
+                    friction[i] = min(friction[i], slippery)
+        push = (0.0, 0.0, 0.0)
         for angle, lever, share in now.pushes:
             force = share * GRAVITY
-            along, left = np.cos(angle - heading), np.sin(angle - heading)
-            push += force * np.array([along, left, lever * self.layout.drive.length_m])
+            moment = force * lever * self.layout.drive.length_m
+            along, left = force * cos(angle - heading), force * sin(angle - heading)
+            push = (push[0] + along, push[1] + left, push[2] + moment)
         return World(friction, push)
 
 
@@ -269,12 +297,12 @@ class _Heading:
     angle: float = 0.0
 
 
-def _body(physics: Physics, drive: Drive, beta: Floats, seed: int | str) -> Body:
+def _body(physics: Physics, drive: Drive, heading: list[float], seed: int | str) -> Body:
     if physics == "fast":
         return FastBody(drive, Random(f"{seed}/floor").getrandbits(64))
     from wackel_virtual.mujoco_body import MujocoBody
 
-    return MujocoBody(drive, beta)
+    return MujocoBody(drive, heading)
 
 
 def _true(wheel: Wheel, errors: CalibrationErrors, number: int) -> Wheel:
@@ -283,14 +311,13 @@ def _true(wheel: Wheel, errors: CalibrationErrors, number: int) -> Wheel:
     return replace(wheel, radius_m=radius, beta_rad=beta)
 
 
-def _marked(n: int, wheels: Iterable[int]) -> Bools:
-    marked = np.zeros(n, dtype=np.bool_)
-    marked[list(wheels)] = True
+def _marked(n: int, wheels: Iterable[int]) -> list[bool]:
+    marked = [False] * n
+    for wheel in wheels:
+        marked[wheel] = True
     return marked
 
 
-def _filled(n: int, values: Mapping[int, float]) -> Floats:
-    filled = np.zeros(n)
-    for wheel, value in values.items():
-        filled[wheel] = value
-    return filled
+def _filled(n: int, values: Mapping[int, float], base: float = 0.0) -> list[float]:
+    """By wheel, each added to the base."""
+    return [base + values.get(i, 0.0) for i in range(n)]

@@ -9,10 +9,10 @@ depend on the slip, hence a few iterations.
 """
 
 import math
+from typing import TypeAlias
 
 import numpy as np
 
-from wackel_kinematics.array import Floats
 from wackel_kinematics.drive import Drive
 from wackel_virtual.body import (
     DROOP_M_S,
@@ -20,6 +20,7 @@ from wackel_virtual.body import (
     GRAVITY,
     GYRATION,
     MOST_EFFORT,
+    InPlane,
     WheelStates,
     World,
 )
@@ -33,6 +34,9 @@ ROUGHNESS = 0.001
 """Of a floor: slip of each row by the robot's speed, standard deviation over 10 ms."""
 ITERATIONS = 3
 
+_Row: TypeAlias = tuple[float, float, float, float]
+"""What a row sees of the twist, by its three parts, and what it should see."""
+
 
 class FastBody:
     """See :class:`~wackel_virtual.body.Body`; everything per mass of the robot.
@@ -44,99 +48,191 @@ class FastBody:
 
     def __init__(self, drive: Drive, seed: int) -> None:
         n = drive.n
-        self.pose = np.zeros(3)
-        self.twist = np.zeros(3)
-        self.angle = np.zeros(n)
-        self.rate = np.zeros(n)
-        self.effort = np.zeros(n)
+        self.pose: InPlane = (0.0, 0.0, 0.0)
+        self.twist: InPlane = (0.0, 0.0, 0.0)
+        self.angle = [0.0] * n
+        self.rate = [0.0] * n
+        self.effort = [0.0] * n
         self._drive = drive
         self._random = np.random.default_rng(seed)
         self._load = GRAVITY / n
-        self._inertia = np.array([1.0, 1.0, (GYRATION * drive.length_m) ** 2])
-        self._rolls = drive.roll_wheels
-        # A tyre's contact slips along the row; rows of wheels with rollers are longer than 1.
+        self._moment = (GYRATION * drive.length_m) ** 2
+        slides = {wheel: row for row, wheel in enumerate(drive.slide_wheels.tolist())}
+        rolls = {wheel: row for row, wheel in enumerate(drive.roll_wheels.tolist(), len(slides))}
+        self._rows = [(slides.get(i), rolls.get(i)) for i in range(n)]
+        # A tyre slips along its row; rows of wheels with rollers are longer than 1.
         straight = drive.rows(drive.steering(np.zeros(n)))
-        self._unit = (1.0 / np.hypot(straight[:, 0], straight[:, 1]))[:, None]
-        self._lever = self._unit[drive.slide_count :, 0]
-        self._radius = drive.roll_radius * self._lever
-        # What a motor holds with, per mass, at the contact.
-        self._stiffness = FRICTION * self._load / DROOP_M_S / self._lever**2
-        self._row_wheels = drive.row_wheels
-        self._contacts = np.zeros((n, len(drive.row_wheels)))
-        self._contacts[drive.row_wheels, np.arange(len(drive.row_wheels))] = 1.0
+        self._unit = 1.0 / np.hypot(straight[:, 0], straight[:, 1])[:, None]
+        levers = self._unit[:, 0].tolist()
+        self._rolling = [
+            (i, rolls[i], wheel.radius_m * levers[rolls[i]], levers[rolls[i]])
+            for i, wheel in enumerate(drive.wheels)
+            if wheel.radius_m is not None
+        ]
+        self._droop = [DROOP_M_S / (FRICTION * self._load)] * n  # m/s per force
+        for i, _, _, lever in self._rolling:
+            self._droop[i] *= lever * lever
 
     def step(self, wheels: WheelStates, world: World, duration_s: float) -> None:
         """Move on."""
-        drive, slides, rolls = self._drive, self._drive.slide_count, self._rolls
-        rows = drive.known_rows(drive.heading(wheels.steering).tolist())[0] * self._unit
-        # Shares of 1 and 0: what holds each wheel's rolling.
-        blocked: Floats = wheels.blocked[rolls].astype(np.float64)
-        driven: Floats = wheels.driven[rolls] * (1.0 - blocked)
-        held = driven + blocked
-        wanted = self._radius * wheels.rate[rolls]
-        aim = np.zeros(len(rows))
-        aim[slides:] = driven * wanted
-        speed = math.hypot(self.twist[0], self.twist[1])
-        rough = ROUGHNESS * speed * math.sqrt(0.01 / duration_s)
-        uneven = rough * self._random.standard_normal(len(rows))
+        vx, vy, omega = self.twist
+        speed = math.hypot(vx, vy)
         creep = CREEP_M_S**2 + (CREEP_SHARE * speed) ** 2
-        grip = self._load * world.friction
+        grips = [self._load * friction for friction in world.friction]
+        droops = self._droops(wheels)
+        wanted = self._wanted(wheels)
+        rough = ROUGHNESS * speed * math.sqrt(0.01 / duration_s)
+        rows = self._seen(wheels.heading, wanted, rough)
 
-        mass = self._inertia / duration_s
-        before = self.twist
-        vx, vy, omega = before.tolist()
-        moving = mass * before + self._inertia * (omega * vy, -omega * vx, 0.0) + world.push
-        even = aim - uneven
-        yielding, free = driven * self._stiffness, 1.0 - held
-        twist: Floats = before
-        over_floor = (rows.dot(twist) + uneven)[slides:]
-        rolled: Floats = aim[slides:]
+        mass = 1.0 / duration_s, 1.0 / duration_s, self._moment / duration_s
+        push_x, push_y, push_round = world.push
+        moving = (
+            mass[0] * vx + omega * vy + push_x,
+            mass[1] * vy - omega * vx + push_y,
+            mass[2] * omega + push_round,
+        )
+        off = _off(rows, self.twist)
+        slips = [0.0 if droop == math.inf else 1.0 for droop in droops]
         for _ in range(ITERATIONS):
-            slip = even - rows.dot(twist)
-            slip[slides:] = held * (rolled - over_floor)
-            slip *= slip
-            weight = (grip / np.sqrt(self._contacts.dot(slip) + creep)).take(self._row_wheels)
-            roll = weight[slides:]
-            roll *= yielding / (roll + self._stiffness) + blocked
-            weighted = rows.T * weight
-            twist = _solved(weighted.dot(rows), mass, moving + weighted.dot(even))
-            over_floor = (rows.dot(twist) + uneven)[slides:]
-            pull = roll * (aim[slides:] - over_floor)
-            rolled = driven * (wanted - pull / self._stiffness) + free * over_floor
-        self._take(twist, rolled / self._radius, duration_s)
-        effort = driven * pull * self._lever / (FRICTION * self._load)
-        # What a jammed motor would need is more than it has.
-        jammed = blocked * wheels.driven[rolls] * wanted / self._lever / DROOP_M_S
-        self.effort[rolls] = np.clip(effort + jammed, -MOST_EFFORT, MOST_EFFORT)
+            weights, slips = self._weighed(off, slips, droops, grips, creep)
+            twist = _solved(rows, weights, mass, moving)
+            off = _off(rows, twist)
+        self.effort = self._efforts(wheels, weights, off)
+        self._take(twist, self._rates(wanted, slips, off), duration_s)
 
-    def _take(self, twist: Floats, rate: Floats, duration_s: float) -> None:
-        """The new state, rolled evenly since the last."""
-        vx, vy, omega = (twist * duration_s).tolist()
-        x, y, heading = self.pose.tolist()
+    def _droops(self, wheels: WheelStates) -> list[float]:
+        """How much the rolling of each wheel yields, m/s per force: without end if it is free."""
+        return [
+            0.0 if blocked else droop if driven else math.inf
+            for blocked, driven, droop in zip(
+                wheels.blocked, wheels.driven, self._droop, strict=True
+            )
+        ]
+
+    def _wanted(self, wheels: WheelStates) -> list[float]:
+        """What each row should see: the goal of a motor, where it turns, and else no motion."""
+        wanted = [0.0] * len(self._drive.row_wheels)
+        for i, row, radius, _ in self._rolling:
+            if wheels.driven[i] and not wheels.blocked[i]:
+                wanted[row] = radius * wheels.rate[i]
+        return wanted
+
+    def _seen(self, heading: list[float], wanted: list[float], rough: float) -> list[_Row]:
+        """The rows of wheels along these headings, on a floor that is rough, m/s."""
+        rows = (self._drive.known_rows(heading)[0] * self._unit).tolist()
+        bumps = self._random.standard_normal(len(rows)).tolist()
+        return [
+            (along, left, turn, should - rough * bump)
+            for (along, left, turn), should, bump in zip(rows, wanted, bumps, strict=True)
+        ]
+
+    def _weighed(
+        self,
+        off: list[float],
+        slips: list[float],
+        droops: list[float],
+        grips: list[float],
+        creep: float,
+    ) -> tuple[list[float], list[float]]:
+        """With which weight each row pulls, and the slips that follow.
+
+        What a roll row lacks, the tyre slips and the motor yields, both under the same force.
+
+        Args:
+            off: What rows lack.
+            slips: Which share of that the tyre of each wheel slips.
+            droops: How much its rolling yields.
+            grips: Its greatest friction.
+            creep: v₀².
+        """
+        weights, shares = [0.0] * len(off), [0.0] * len(slips)
+        for i, (slide, roll) in enumerate(self._rows):
+            square = creep
+            if slide is not None:
+                square += off[slide] * off[slide]
+            if roll is not None:
+                slip = slips[i] * off[roll]
+                square += slip * slip
+            weight = grips[i] / math.sqrt(square)
+            if slide is not None:
+                weights[slide] = weight
+            if roll is not None:
+                shares[i] = 1.0 / (1.0 + weight * droops[i])
+                weights[roll] = weight * shares[i]
+        return weights, shares
+
+    def _rates(self, wanted: list[float], slips: list[float], off: list[float]) -> list[float]:
+        """At which the wheels roll, rad/s."""
+        rates = [0.0] * len(slips)
+        for i, row, radius, _ in self._rolling:
+            rates[i] = (wanted[row] - (1.0 - slips[i]) * off[row]) / radius
+        return rates
+
+    def _efforts(self, wheels: WheelStates, weights: list[float], off: list[float]) -> list[float]:
+        efforts = [0.0] * len(self._rows)
+        for i, row, radius, lever in self._rolling:
+            if not wheels.driven[i]:
+                continue
+            if wheels.blocked[i]:
+                # What a jammed motor would need is more than it has.
+                effort = radius / lever * wheels.rate[i] / DROOP_M_S
+            else:
+                effort = lever * weights[row] * off[row] / (FRICTION * self._load)
+            efforts[i] = min(MOST_EFFORT, max(-MOST_EFFORT, effort))
+        return efforts
+
+    def _take(self, twist: InPlane, rates: list[float], duration_s: float) -> None:
+        """The new state, moved evenly since the last."""
+        vx, vy, omega = (part * duration_s for part in twist)
+        x, y, heading = self.pose
         middle = heading + omega / 2
         cos, sin = math.cos(middle), math.sin(middle)
-        self.pose = np.array([x + cos * vx - sin * vy, y + sin * vx + cos * vy, heading + omega])
+        self.pose = (x + cos * vx - sin * vy, y + sin * vx + cos * vy, heading + omega)
         self.twist = twist
-        self.rate[self._rolls] = rate
-        self.angle[self._rolls] += rate * duration_s
+        self.rate = rates
+        self.angle = [
+            angle + rate * duration_s for angle, rate in zip(self.angle, rates, strict=True)
+        ]
 
 
-def _solved(normal: Floats, diagonal: Floats, right: Floats) -> Floats:
-    """x of (N + diag d) x = r, of which N is positive semidefinite and d positive.
+def _off(rows: list[_Row], twist: InPlane) -> list[float]:
+    """What each row lacks: should see and does not."""
+    vx, vy, omega = twist
+    return [should - along * vx - left * vy - turn * omega for along, left, turn, should in rows]
 
-    By elimination in single numbers: for three unknowns a library's call takes several times as
-    long.
+
+def _solved(rows: list[_Row], weights: list[float], mass: InPlane, moving: InPlane) -> InPlane:
+    """The twist in which what moves and the rows' pull are in balance.
+
+    It is x of (JᵀWJ + diag m) x = JᵀWs + r, by elimination: m is positive, and JᵀWJ positive
+    semidefinite.
+
+    Args:
+        rows: J, and s behind it.
+        weights: W.
+        mass: m.
+        moving: r.
     """
-    (a, b, c), (_, d, e), (_, _, f) = normal.tolist()
-    more_a, more_d, more_f = diagonal.tolist()
-    x, y, z = right.tolist()
-    a += more_a
+    a, d, f = mass
+    x, y, z = moving
+    b = c = e = 0.0
+    for (along, left, turn, should), weight in zip(rows, weights, strict=True):
+        p, q, r = weight * along, weight * left, weight * turn
+        a += p * along
+        b += p * left
+        c += p * turn
+        d += q * left
+        e += q * turn
+        f += r * turn
+        x += p * should
+        y += q * should
+        z += r * should
     ba, ca = b / a, c / a
-    d += more_d - b * ba
+    d -= b * ba
     e -= c * ba
     ed = e / d
-    f += more_f - c * ca - e * ed
+    f -= c * ca + e * ed
     y -= x * ba
     z = (z - x * ca - y * ed) / f
     y = (y - e * z) / d
-    return np.array(((x - b * y - c * z) / a, y, z))
+    return (x - b * y - c * z) / a, y, z

@@ -22,6 +22,7 @@ from wackel_virtual.body import (
     GRAVITY,
     GYRATION,
     MOST_EFFORT,
+    InPlane,
     WheelStates,
     World,
 )
@@ -57,41 +58,40 @@ class MujocoBody:
 
     Args:
         drive: The true wheels.
-        steering: β at which the wheels stand at first.
+        heading: Directions in which the wheels stand at first, rad.
 
     Raises:
         ConfigError: The drive has wheels with rollers.
     """
 
-    def __init__(self, drive: Drive, steering: Floats) -> None:
+    def __init__(self, drive: Drive, heading: list[float]) -> None:
         if not all(wheel.slide for wheel in drive.wheels):
             raise ConfigError(
                 "drive.kind: wheels with rollers have no physics 'mujoco', but 'fast'"
             )
         n = drive.n
-        self.pose = np.zeros(3)
-        self.twist = np.zeros(3)
-        self.angle = np.zeros(n)
-        self.rate = np.zeros(n)
-        self.effort = np.zeros(n)
-        self._drive = drive
+        self.pose: InPlane = (0.0, 0.0, 0.0)
+        self.twist: InPlane = (0.0, 0.0, 0.0)
+        self.angle = [0.0] * n
+        self.rate = [0.0] * n
+        self.effort = [0.0] * n
         radii = np.full(n, float(np.mean(drive.roll_radius)) if drive.roll_radius.size else 0.05)
         radii[drive.roll_wheels] = drive.roll_radius
-        heading = drive.heading(steering)
         self._model = model = mujoco.MjModel.from_xml_string(_xml(drive, radii, heading))
         self._data = mujoco.MjData(model)
         self._mass = n * MASS_KG
         grip = FRICTION * MASS_KG * GRAVITY * radii  # N m at which a tyre slips
-        self._grip = grip
+        self._grip: list[float] = grip.tolist()
         self._gain = np.zeros(n)
         self._gain[drive.roll_wheels] = (grip / (DROOP_M_S / radii))[drive.roll_wheels]
-        self._held = np.zeros(n, dtype=np.bool_)
-        self._roll_position = np.array([model.joint(f"roll{i}").qposadr[0] for i in range(n)])
-        self._roll_velocity = np.array([model.joint(f"roll{i}").dofadr[0] for i in range(n)])
+        self._held = [False] * n
+        self._driven: list[bool] = []
+        self._roll_position = [int(model.joint(f"roll{i}").qposadr[0]) for i in range(n)]
+        self._roll_velocity = [int(model.joint(f"roll{i}").dofadr[0]) for i in range(n)]
         self._wheel = np.array([model.geom(f"wheel{i}").id for i in range(n)])
         self._lock = [model.equality(f"lock{i}").id for i in range(n)]
-        self._motor = np.array([model.actuator(f"motor{i}").id for i in range(n)])
-        self._steers = np.flatnonzero(drive.steers)
+        self._motor = [int(model.actuator(f"motor{i}").id) for i in range(n)]
+        self._steers: list[int] = np.flatnonzero(drive.steers).tolist()
         self._steering = np.array(
             [model.actuator(f"steering{i}").id for i in self._steers], dtype=np.intp
         )
@@ -103,17 +103,16 @@ class MujocoBody:
     def step(self, wheels: WheelStates, world: World, duration_s: float) -> None:
         """Move on."""
         model, data = self._model, self._data
-        gain = np.where(wheels.driven, self._gain, 0.0)
-        model.actuator_gainprm[self._motor, 0] = gain
-        model.actuator_biasprm[self._motor, 2] = -gain
+        if wheels.driven != self._driven:
+            self._set_motors(wheels.driven)
         model.geom_friction[self._wheel, 0] = world.friction
         data.ctrl[self._motor] = wheels.rate
-        data.ctrl[self._steering] = self._drive.heading(wheels.steering)[self._steers]
-        for i in np.flatnonzero(wheels.blocked != self._held):
-            self._set_lock(int(i), locked=bool(wheels.blocked[i]))
-        heading = self.pose[2]
-        cos, sin = math.cos(heading), math.sin(heading)
-        along, left, moment = (world.push * self._mass).tolist()
+        data.ctrl[self._steering] = [wheels.heading[i] for i in self._steers]
+        for i, (blocked, held) in enumerate(zip(wheels.blocked, self._held, strict=True)):
+            if blocked != held:
+                self._set_lock(i, locked=blocked)
+        cos, sin = math.cos(self.pose[2]), math.sin(self.pose[2])
+        along, left, moment = (self._mass * part for part in world.push)
         force = data.xfrc_applied[self._chassis]
         force[0], force[1] = cos * along - sin * left, sin * along + cos * left
         force[5] = moment
@@ -122,14 +121,27 @@ class MujocoBody:
         model.opt.timestep = duration_s / steps
         mujoco.mj_step(model, data, nstep=steps)
 
-        x, y, heading = data.qpos[:3].tolist()
-        vx, vy, omega = data.qvel[:3].tolist()
+        position, velocity, torque = (
+            each.tolist() for each in (data.qpos, data.qvel, data.actuator_force)
+        )
+        x, y, heading = position[:3]
+        vx, vy, omega = velocity[:3]
         cos, sin = math.cos(heading), math.sin(heading)
-        self.pose = np.array([x, y, heading])
-        self.twist = np.array([cos * vx + sin * vy, cos * vy - sin * vx, omega])
-        self.angle = data.qpos[self._roll_position]
-        self.rate = data.qvel[self._roll_velocity]
-        self.effort = np.where(wheels.driven, data.actuator_force[self._motor] / self._grip, 0.0)
+        self.pose = (x, y, heading)
+        self.twist = (cos * vx + sin * vy, cos * vy - sin * vx, omega)
+        self.angle = [position[at] for at in self._roll_position]
+        self.rate = [velocity[at] for at in self._roll_velocity]
+        self.effort = [
+            torque[motor] / grip if on else 0.0
+            for on, motor, grip in zip(wheels.driven, self._motor, self._grip, strict=True)
+        ]
+
+    def _set_motors(self, driven: list[bool]) -> None:
+        """Which of them hold their wheels."""
+        gain = self._gain * driven
+        self._model.actuator_gainprm[self._motor, 0] = gain
+        self._model.actuator_biasprm[self._motor, 2] = -gain
+        self._driven = driven
 
     def _set_lock(self, wheel: int, *, locked: bool) -> None:
         """Jam a wheel where it stands, or let it go."""
@@ -141,7 +153,7 @@ class MujocoBody:
         self._held[wheel] = locked
 
 
-def _xml(drive: Drive, radii: Floats, heading: Floats) -> str:
+def _xml(drive: Drive, radii: Floats, heading: list[float]) -> str:
     """The robot in MuJoCo's language."""
     n, mass = drive.n, drive.n * MASS_KG
     wheel_mass = WHEEL_SHARE * MASS_KG

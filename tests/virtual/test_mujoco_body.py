@@ -94,18 +94,17 @@ def test_steps_of_any_length_take_their_time(duration_s: float) -> None:
     from wackel_virtual.mujoco_body import MujocoBody
 
     layout = Layout(steered_drive(3))
-    ahead = layout.drive.steering(np.zeros(3))
+    ahead = [0.0] * 3
     body = MujocoBody(layout.drive, ahead)
-    yes, no = np.ones(3, dtype=np.bool_), np.zeros(3, dtype=np.bool_)
-    rolling = WheelStates(np.full(3, 6.0), yes, no, ahead)
-    world = World(np.full(3, FRICTION), np.zeros(3))
+    rolling = WheelStates([6.0] * 3, [True] * 3, [False] * 3, ahead)
+    world = World([FRICTION] * 3, (0.0, 0.0, 0.0))
     for _ in range(round(1.0 / duration_s)):
         body.step(rolling, world, duration_s)
-    start = float(body.pose[0]), body.angle.copy()
+    start, before = body.pose[0], body.angle
     for _ in range(round(1.0 / duration_s)):
         body.step(rolling, world, duration_s)
-    assert body.pose[0] - start[0] == pytest.approx(0.3, rel=0.01)
-    assert body.angle - start[1] == pytest.approx(6.0, rel=0.01)
+    assert body.pose[0] - start == pytest.approx(0.3, rel=0.01)
+    assert np.subtract(body.angle, before) == pytest.approx(6.0, rel=0.01)
 
 
 def test_a_wheel_comes_free_again() -> None:
