@@ -275,13 +275,13 @@ class Verdicts:
 
         Which turns as it likes, or is dragged, seems to be steered wrong. Two wheels and a gyro
         check each other, so without one of the wheels nothing tells of any other part; nor does it
-        with three omnidirectional ones.
+        with three omnidirectional ones, and with four nothing tells which part it is.
         """
         sequential, explanations = self._sequential, self._hypotheses.explanations
         free, verdict = self._numbers.get(self._free), sequential.verdict
         named = set(explanations[verdict if proposal is None else proposal])
         seems = named <= {self._steerings[path] for path in self._free}
-        seems = seems or self._spare <= len(self._free)
+        seems = seems or self._spare - len(self._free) <= 1
         if free is None or not named or named == self._free or not seems:
             return proposal
         if verdict != free:

@@ -116,6 +116,7 @@ def robot(number: int) -> Driven:
         worse=job.worse,
         driving=job.driving,
         lag_s=job.lag_s,
+        shown=False,
     )
     begin_ns = rig.now_ns
     rig.drive(ROBOT_S)

@@ -65,6 +65,7 @@ class Rig:
         worse: float = 1.0,
         driving: str = "random",
         lag_s: float = TIME_CONSTANT_S,
+        shown: bool = True,
     ) -> Self:
         """A new robot; ``drive``: or how many steered wheels it has.
 
@@ -75,6 +76,7 @@ class Rig:
             worse: By how much its calibration is worse than its configuration says.
             driving: A kind of :mod:`tests.diagnoser.driving`.
             lag_s: Time constant with which its servos follow.
+            shown: Whether anyone looks at residuals.
         """
         config = steered_drive(drive) if isinstance(drive, int) else drive
         gyro = GyroConfig()
@@ -88,7 +90,8 @@ class Rig:
         rng = np.random.default_rng(Random(seed).getrandbits(63))
         sideways = config.kind in ("steered", "mecanum", "omni")
         path = course(driving, rng, sideways=sideways)
-        return cls(simulation, Diagnoser(config, {GYRO: gyro}), config, path)
+        diagnoser = Diagnoser(config, {GYRO: gyro}, lambda: shown)
+        return cls(simulation, diagnoser, config, path)
 
     def copy(self) -> Self:
         """The same robot once more, to go another way from here."""

@@ -60,8 +60,9 @@ def test_one_wheel_that_drags_another_in_vain_is_no_fault_of_the_gyro() -> None:
     assert robot.active() == [("wheel_blocked", "wheel/w3/drive")]
 
 
-def test_without_a_free_wheel_of_three_omnidirectional_ones_nothing_else_can_be_told() -> None:
-    robot = rig("omni")
+@pytest.mark.parametrize("name", ["omni", "mecanum"])
+def test_beside_a_free_wheel_of_three_or_four_with_rollers_no_other_can_be_told(name: str) -> None:
+    robot = rig(name)
     robot.drive(SHORT_WARM_UP_S)
     robot.inject("wheel_loose", "w1")
     robot.drive(5.0)
