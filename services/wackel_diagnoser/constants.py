@@ -25,7 +25,7 @@ SLIP_M_S = 0.002
 """Of a wheel over a block, for no reason that is modelled. A gyro, by length, and a drive
 miss as much."""
 STANDS_RAD = 0.002
-"""The same of a steering against its reference: an encoder step."""
+"""The same of a steering against its reference, if its encoder has no larger steps."""
 LONGER = 4.0
 """By what the variance of what a manoeuvre forces is larger here: it lasts longer than a block."""
 LATE = 0.1
@@ -128,7 +128,7 @@ class Constants:
         self._under: Floats = np.equal.outer(rolls, slides).astype(np.float64)
         self._noise = np.full(rows.count, SLIP_M_S**2)
         self._noise[rows.gyros] = (SLIP_M_S / drive.length_m) ** 2
-        self._noise[rows.steering] = STANDS_RAD**2
+        self._noise[rows.steering] = max(STANDS_RAD, config.encoder_step) ** 2
         self._longer = np.full(rows.count, LONGER)
         self._longer[rows.gyros] *= LATE
         self._askew = slice(self.askew.start, self.askew.stop)

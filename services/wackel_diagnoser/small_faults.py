@@ -76,6 +76,10 @@ ACCURATE = {
 floor."""
 
 
+ROUNDED = 0.3
+"""Encoder steps, the same for what stays rounded alike: 1/√12."""
+
+
 @dataclass(frozen=True)
 class Change:
     """A change that one part explains.
@@ -133,6 +137,9 @@ class SmallFaults:
         accurate = np.zeros(constants.count)
         for name, least in ACCURATE.items():
             accurate[getattr(constants, name)] = least
+        # A steering that stays where it is stays off what its encoder shows.
+        rounded = [*constants.direction, *constants.stands]
+        accurate[rounded] = np.maximum(accurate[rounded], ROUNDED * config.encoder_step)
         self._accurate: Floats = np.diag(accurate**2)
         creeping = np.zeros(constants.count)  # variances, by the square of how much tyres creep
         creeping[constants.gyro] = (YAWING / layout.drive.length_m) ** 2

@@ -224,3 +224,13 @@ def test_of_a_steering_half_a_degree_off_no_kind_is_claimed(warm: Rig, kind: str
     rig.drive(12.0)
     assert rig.active() == [("steering_deviates", "wheel/w1/steering")]
     assert {report.code for report in rig.reports} == {"steering_deviates"}
+
+
+@pytest.mark.parametrize(
+    ("number", "driving", "lag_s"), [(0, "circles", 0.062), (4, "shuttle", 0.039)]
+)
+def test_what_coarse_encoders_round_is_no_change(number: int, driving: str, lag_s: float) -> None:
+    drive = steered_drive(4, encoder_step=2 * math.pi / 1024)
+    rig = Rig.of(f"vary/coarse/{number}", drive, driving=driving, lag_s=lag_s)
+    rig.drive(80.0)
+    assert rig.reports == []
