@@ -16,8 +16,9 @@ from typing import NamedTuple
 import numpy as np
 
 from wackel_diagnoser.reference import Target
+from wackel_diagnoser.transients import Transients
 from wackel_diagnoser.tyres import Tyres
-from wackel_drive.alignment import Step
+from wackel_drive.alignment import UNCERTAIN_S, Step
 from wackel_drive.layout import Layout
 from wackel_kinematics.array import Bools, Floats
 from wackel_kinematics.drive import Drive
@@ -53,8 +54,12 @@ ASKED_FADES = 0.8
 """How much faster a yaw rate changes than that of the references, and what is left of their change
 a step later: tyres and drives follow within 50 ms, and not evenly. What nobody asked for is no
 turn, but the gyro's."""
+EVENS = 0.02
+"""Share of a step in the mean of its length."""
 UNKNOWN = 3.0
 """How much worse than configured calibration may be before driving has shown it."""
+STEP_S = 0.01
+"""Usual length of a step, from which encoders make speeds."""
 SLOWEST = 0.01
 """m/s; a faulty wheel of a robot at rest is not off by less."""
 TREMBLE = 0.02
@@ -199,10 +204,15 @@ class Rows:
         self._h[self.gyros, 2] = 1.0
         self._constraints = len(slides) + len(rolls)
         self._no_slides, self._no_rolls = [0.0] * len(slides), [0.0] * len(rolls)
-        self._no_constraints = [0.0] * self._constraints
         self._no_gyros, self._no_steering = [0.0] * len(settings), [0.0] * len(steered)
         self._tyres = Tyres(drive)
+        # For when no command tells.
+        self._row_wheels: list[int] = drive.row_wheels.tolist()
+        step = config.encoder_step / math.sqrt(6)  # of a difference, or a mean of two
+        self._turning = Transients([step] * drive.n)
+        self._hastening = Transients((drive.roll_radius * step / STEP_S).tolist())
         self._gyro_before = self._turned = self._no_gyros
+        self._usual_s = 0.0  # length of a step
         # The references' yaw rate, and by how much that has changed of late, rad/s.
         self._told_yaw, self._asked = math.nan, 0.0
         self.every: Bools = np.ones(self.count, dtype=np.bool_)
@@ -256,14 +266,13 @@ class Rows:
             for i in steered:
                 aimed[i] = told[i] + zeros[i] - late * turned[i]
             rows = drive.known_rows(stands, aimed) if whole else _any_rows(drive, stands, aimed)
-            forced, mean, followed = self._tyres.slip(rows[1], speeds)
+            forced, mean, made = self._tyres.slip(rows[1], speeds)
             off, present = [heading[i] - told[i] for i in steered], self.every
             yielded = [-self.gives_way * load for load in loads]
             missed = [*map(sub, map(sub, rolled, speeds), yielded)]
         else:
             rows = drive.known_rows(stands) if whole else _any_rows(drive, stands)
-            forced, mean, followed = self._no_constraints, 0.0, _NO_TWIST
-            self._tyres.forget()
+            forced, mean, made = self._untold_slip(rows[0], stands, rolled, dt)
             off, present = self._no_steering, self._untold
             missed = speeds = yielded = self._no_rolls
         h = self._h.copy()
@@ -286,9 +295,10 @@ class Rows:
         lagging = self._no_slides
         if len(lag) == len(sliding):
             lagging = [each * late for each, late in zip(sliding, lag, strict=True)]
-        creep = self._tyres.creep(rows[1], followed, mean, speed, dt) if target.known else 0.0
+        creep = self._tyres.creep(rows[-1], made, mean, speed, dt)
         mean += creep
-        gaps, slides = target.heading_gap, len(sliding)
+        followed = made if target.known else _NO_TWIST
+        gaps, slides, uneven = target.heading_gap, len(sliding), self._unevenness(dt)
         # While wheels turn, their references contradict each other: they really slip.
         droop = DROOP_M_S * mean / (mean + GRIP_M_S)
         values = np.fromiter(
@@ -303,11 +313,18 @@ class Rows:
                 # What is forced or late, or belongs to another time.
                 *map(add, forced[:slides], lagging),
                 *forced[slides:],
-                *[JERK * each for each in self._changed(turning, followed.item(2))],
+                *[
+                    JERK * each + uneven * abs(rate)
+                    for each, rate in zip(
+                        self._changed(turning, followed.item(2)), turning, strict=True
+                    )
+                ],
                 *[PENDING * gaps[i] + late for i, late in zip(steered, lag, strict=True)],
                 *[
-                    max(PENDING * gap, LAG * late)
-                    for gap, late in zip(target.speed_gap, target.speed_late, strict=True)
+                    max(PENDING * gap, LAG * late) + uneven * speed
+                    for gap, late, speed in zip(
+                        target.speed_gap, target.speed_late, shown, strict=True
+                    )
                 ],
                 # What causes depend on.
                 1.0,
@@ -336,6 +353,26 @@ class Rows:
             followed,
         )
 
+    def _untold_slip(
+        self, rows: Floats, stands: list[float], rolled: list[float], dt: float
+    ) -> tuple[list[float], float, Floats]:
+        """As :meth:`Tyres.slip`, of what wheels do without being told.
+
+        Args:
+            rows: Slide and roll rows.
+            stands: Where each wheel stands, rad.
+            rolled: At which each roll row's rolls, m/s.
+            dt: Of the step, s.
+        """
+        turning, hastening = self._turning.step(stands, dt), self._hastening.step(rolled, dt)
+        speed = max((abs(each) for each in rolled if math.isfinite(each)), default=0.0)
+        # One that is still turned rolls at what it shall do once it is there.
+        forced = [speed * turning[i] for i in self._row_wheels]
+        for row, late in enumerate(hastening, start=self.rolls.start):
+            forced[row] += late
+        mean = math.sqrt(sum([each * each for each in forced]) / len(forced))
+        return forced, mean, self._tyres.slip(rows, rolled)[2]
+
     def _variances(self, values: Floats, causes: Floats) -> tuple[Floats, Floats, Floats]:
         """Of sensors, of calibration, and what the manoeuvre adds.
 
@@ -353,6 +390,13 @@ class Rows:
         fixed = squares * self._calibration
         fixed += causes[3 * count :]
         return base, fixed, loose
+
+    def _unevenness(self, dt: float) -> float:
+        """Share by which a step is longer or shorter than most: as much may its stamps be off, and
+        all speeds with them."""
+        off = max(min(dt - self._usual_s, UNCERTAIN_S), -UNCERTAIN_S) if self._usual_s else 0.0
+        self._usual_s = self._usual_s + EVENS * off if self._usual_s else dt
+        return abs(off) / dt
 
     def _changed(self, turning: list[float], told: float) -> list[float]:
         """By how much each gyro's value has changed, in this step and in the one before, as far as

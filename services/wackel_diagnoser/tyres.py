@@ -44,10 +44,6 @@ class Tyres:
         # What they have given the robot of the twist that wheels make: m/s, m/s, rad/s.
         self._given: tuple[float, float, float] | None = None
 
-    def forget(self) -> None:
-        """It is not known what the wheels should do."""
-        self._given = None
-
     def slip(self, rows: Floats, speeds: list[float]) -> tuple[list[float], float, Floats]:
         """How much references contradict each other.
 

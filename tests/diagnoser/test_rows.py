@@ -1,11 +1,13 @@
 """Rows of a step in which something is not known: nothing is said of it, and of the rest all."""
 
 import math
+from random import Random
 
 import numpy as np
 import pytest
 
-from tests.odometry.simulation import differential_drive, steered_drive
+from tests.diagnoser.rig import Rig
+from tests.odometry.simulation import differential_drive, other_drives, steered_drive
 from wackel_diagnoser.constants import Constants, Shown
 from wackel_diagnoser.reference import Reference
 from wackel_diagnoser.rows import Measured, Rows
@@ -13,6 +15,7 @@ from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
 from wackel_node.config_drive import DriveConfig, GyroConfig
 from wackel_schemas.drive import TwistCommand
+from wackel_schemas.fault import FaultReport
 
 GYROS = {"body": GyroConfig()}
 STEP_NS = 10_000_000
@@ -166,3 +169,14 @@ def test_constants_are_not_learnt_from_what_is_missing(lost: int | None) -> None
     equations = constants.equations([block])
     assert np.isfinite(equations).all()
     assert not equations[constants.off.start : constants.off.stop].any()
+
+
+@pytest.mark.parametrize("name", ["steered", "mecanum", "omni"])
+def test_stamps_that_are_a_millisecond_off_are_no_fault(name: str) -> None:
+    drive = {"steered": steered_drive(3), **other_drives()}[name]
+    rig, random = Rig.of(f"tune/uneven/{name}", drive), Random(1)
+    for _ in range(3000):
+        cycle = rig.simulation.step(*rig.path[rig.cycles % len(rig.path)].tolist())
+        rig.cycles += 1
+        cycle.state.stamp += random.randrange(1_000_000)
+        assert not [each for each in rig.feed(cycle) if isinstance(each, FaultReport)]

@@ -1,0 +1,48 @@
+"""How far drives are from where they are going, while no command tells where that is.
+
+One that follows a goal with a lag is as far behind it as what it shows is ahead of its own past,
+smoothed with the same lag. So what moves evenly is at its goal, and what has just changed is not.
+"""
+
+import math
+
+LAG_S = 0.08
+"""Of a soft servo; see :data:`~wackel_diagnoser.drive_lags.LAGS_S`."""
+SETTLING_S = 0.15
+"""As in :mod:`wackel_diagnoser.reference`: what has ended still shows."""
+ROUNDED = 3.0
+"""Rounding errors, below which nothing has changed."""
+
+
+class Transients:
+    """Follows some drives.
+
+    Args:
+        rounding: Of what each shows, standard deviations.
+    """
+
+    def __init__(self, rounding: list[float]) -> None:
+        self._least = [ROUNDED * each for each in rounding]
+        self._past: list[float] | None = None
+        self._gaps = [0.0] * len(self._least)
+
+    def step(self, shown: list[float], seconds: float) -> list[float]:
+        """A step has passed.
+
+        Args:
+            shown: What each shows; NaN if that is not known.
+            seconds: Its length.
+
+        Returns:
+            How far each is from its goal, or was of late, fading.
+        """
+        past = self._past or shown
+        share, fade = -math.expm1(-seconds / LAG_S), math.exp(-seconds / SETTLING_S)
+        now = []
+        for i, (is_, was) in enumerate(zip(shown, past, strict=True)):
+            # The first of the two if the other is not known.
+            self._gaps[i] = max(fade * self._gaps[i], abs(is_ - was) - self._least[i])
+            smoothed = was + share * (is_ - was)
+            now.append(smoothed if math.isfinite(smoothed) else was if math.isfinite(was) else is_)
+        self._past = now
+        return self._gaps
