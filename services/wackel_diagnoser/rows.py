@@ -314,7 +314,7 @@ class Rows:
                 *map(add, forced[:slides], lagging),
                 *forced[slides:],
                 *[
-                    JERK * each + uneven * abs(rate)
+                    JERK * each + uneven * abs(rate) + self._tyres.late_yaw
                     for each, rate in zip(
                         self._changed(turning, followed.item(2)), turning, strict=True
                     )

@@ -27,9 +27,14 @@ class Tyres:
 
     Args:
         drive: The wheels.
+
+    Attributes:
+        late_yaw: rad/s by which the robot turns otherwise than its wheels, for what they do not
+            hold; 0 where each pushes any way, and friction decides.
     """
 
     def __init__(self, drive: Drive) -> None:
+        self.late_yaw = 0.0
         self._n, self._length_m = drive.n, drive.length_m
         self._first_roll = drive.slide_count
         straight = drive.rows(drive.steering(np.zeros(drive.n)))
@@ -78,6 +83,7 @@ class Tyres:
         known = math.isfinite(x + y + omega)
         if self._given is None or not known:
             self._given = (x, y, omega) if known else None
+            self.late_yaw = 0.0
             return 0.0
         before_x, before_y, before_omega = self._given
         # Left alone, it goes straight on over the floor.
@@ -92,6 +98,8 @@ class Tyres:
         given = min(asked, whole * asked / math.hypot(asked, fight) if fight else whole)
         share = given / asked if asked else 1.0
         self._given = gone_x + share * dx, gone_y + share * dy, before_omega + share * turn
+        if not self._any_way:
+            self.late_yaw = abs(turn) * (1.0 - share)
         load = given / whole
         return skids * load * (1.0 - math.cbrt(1.0 - load)) + asked - given
 
