@@ -21,6 +21,7 @@ BENCHES = {
     "odometry": "cost, drift and consistency of the pose, recorded robots",
     "diagnoser": "cost of the drive diagnosis, and how well drive faults are named; long",
     "driving": "faults of the drive by kind of driving; long",
+    "other_drives": "faults of drives that are not all of steered wheels; long",
     "alarms": "false alarms of the drive, with those of earlier runs; long",
     "drive_live": "from a physical event in the drive to health, and its replay",
     "start": "start and stop of every service",
@@ -46,7 +47,7 @@ def main(argv: list[str]) -> int:
         parser.error(f"there is no {strange[0]!r}; there are {', '.join(BENCHES)}")
     if arguments.list:
         for name, what in BENCHES.items():
-            print(f"{name:<12}{what}")
+            print(f"{name:<14}{what}")
         return 0
     names = arguments.names or list(BENCHES)
     if len(names) == 1:

@@ -16,7 +16,7 @@ The paper: the component that its Steps I to IV name most often in the same run.
 import math
 import multiprocessing
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from random import Random
 from typing import Literal
@@ -329,7 +329,7 @@ def befall(rig: Rig, number: int, seed: str) -> Outcome:
     rig.reports.clear()
     begin = rig.now_ns
     names = [wheel.name for wheel in rig.config.wheels]
-    wheels = random.sample(range(len(names)), len(kind.faults))
+    wheels = random.sample(having(rig.config, kind), len(kind.faults))
     true = set()
     for fault, wheel in zip(kind.faults, wheels, strict=True):
         part = "steering" if fault.startswith("steering") else "drive"
@@ -377,6 +377,17 @@ def befall(rig: Rig, number: int, seed: str) -> Outcome:
         set(by_paper) == true,
         set(by_paper) == true and fault == kind.fault,
     )
+
+
+def having(drive: DriveConfig, kind: Kind) -> list[int]:
+    """Wheels that have the parts which faults of a kind concern."""
+    steerings = any(fault.startswith("steering") for fault in kind.faults)
+    drives = not all(fault.startswith("steering") for fault in kind.faults)
+    return [
+        i
+        for i, wheel in enumerate(drive.wheels)
+        if not (steerings and wheel.steering is None) and not (drives and wheel.drive is None)
+    ]
 
 
 def _told(rig: Rig, place: tuple[float, float]) -> float:
@@ -475,6 +486,30 @@ def _faults_table(robots: list[Robot], wheels: int, title: str) -> Table:
     for kind in KINDS:
         if kind.untold:
             shown.caption += f"\n{kind.name} cannot be told: {kind.untold}"
+    return shown
+
+
+def named_table(title: str, found: Mapping[str, list[Outcome]], numbers: list[int]) -> Table:
+    """How often faults were named, and another part was.
+
+    Args:
+        title: Of the table.
+        found: Outcomes by column.
+        numbers: Of the rows.
+    """
+    shown = Table(title=f"{title}, named % / another part named %", title_justify="left")
+    shown.add_column("fault")
+    for column in found:
+        shown.add_column(column, justify="right")
+    for number in numbers:
+        rows = [[row for row in each if row.kind == number] for each in found.values()]
+        cells = [
+            f"{_share([row.named for row in each])} / {_share([row.wrong for row in each])}"
+            if each
+            else ""
+            for each in rows
+        ]
+        shown.add_row(KINDS[number].name, *cells)
     return shown
 
 

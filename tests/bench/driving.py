@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from tests.bench.diagnoser import KINDS, Physics, befall
+from tests.bench.diagnoser import KINDS, Outcome, Physics, befall, named_table
 from tests.diagnoser.driving import DRIVING
 from tests.diagnoser.rig import WARM_UP_S, Rig
 
@@ -36,29 +36,11 @@ class Job:
     seed: str
 
 
-@dataclass(frozen=True)
-class Found:
-    """What became of it.
-
-    Attributes:
-        named, wrong: By fault: whether it, and whether another part, was named at the end.
-    """
-
-    job: Job
-    named: dict[int, bool]
-    wrong: dict[int, bool]
-
-
-def robot(job: Job) -> Found:
-    """Drives it."""
+def robot(job: Job) -> tuple[str, list[Outcome]]:
+    """Drives one; returns how, and what became of the faults."""
     rig = Rig.of(job.seed, job.wheels, physics=job.physics, driving=job.driving)
     rig.drive(WARM_UP_S)
-    outcomes = [befall(rig.copy(), number, job.seed) for number in FAULTS]
-    return Found(
-        job,
-        {outcome.kind: outcome.named for outcome in outcomes},
-        {outcome.kind: outcome.wrong for outcome in outcomes},
-    )
+    return job.driving, [befall(rig.copy(), number, job.seed) for number in FAULTS]
 
 
 def run(
@@ -88,23 +70,7 @@ def run(
         Progress(console=Console(stderr=True), transient=True) as progress,
     ):
         found = list(progress.track(pool.imap_unordered(robot, jobs), len(jobs)))
-    return _faults_table(found)
-
-
-def _faults_table(found: list[Found]) -> Table:
-    shown = Table(
-        title="Diagnoser: faults by kind of driving, named % / another part named %",
-        title_justify="left",
-    )
-    shown.add_column("fault")
-    for driving in KINDS_OF_DRIVING:
-        shown.add_column(driving, justify="right")
-    for number in FAULTS:
-        cells = []
-        for driving in KINDS_OF_DRIVING:
-            mine = [each for each in found if each.job.driving == driving]
-            named = 100 * sum(each.named[number] for each in mine) / len(mine)
-            wrong = 100 * sum(each.wrong[number] for each in mine) / len(mine)
-            cells.append(f"{named:.0f} / {wrong:.0f}")
-        shown.add_row(KINDS[number].name, *cells)
-    return shown
+    by_driving: dict[str, list[Outcome]] = {driving: [] for driving in KINDS_OF_DRIVING}
+    for driving, outcomes in found:
+        by_driving[driving] += outcomes
+    return named_table("Diagnoser: faults by kind of driving", by_driving, FAULTS)
