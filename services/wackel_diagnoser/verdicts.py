@@ -353,9 +353,9 @@ class Verdicts:
 
     def _is_outskidded(self, path: str) -> bool:
         """Whether a part is a gyro that only seems wrong: one wheel alone cannot drag others that
-        stand, but skids, and nothing else tells of it."""
-        stand = len(self._standing.rows())
-        return path.startswith("gyro/") and stand > 0 and len(self._rolls) - stand <= 1
+        stick, but skids, and nothing else tells of it."""
+        left = set(self._drives) - set(self.components)
+        return path.startswith("gyro/") and len(left) <= 1
 
     def _watch_standing(self, step: Step, target: Target, measured: Measured) -> None:
         """Which wheels do what they are told."""
