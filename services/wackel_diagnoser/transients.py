@@ -1,7 +1,7 @@
 """How far drives are from where they are going, while no command tells where that is.
 
 One that follows a goal with a lag is as far behind it as what it shows is ahead of its own past,
-smoothed with the same lag. So what moves evenly is at its goal, and what has just changed is not.
+smoothed with the same lag. So what stays as it is has reached its goal, and what changes has not.
 """
 
 import math

@@ -389,8 +389,10 @@ class Verdicts:
 
 
 def _spare(drive: Drive, rows: Rows) -> int:
-    """How many more rows there are than say what the twist is."""
+    """How many more rows tell of the twist than are needed to know it."""
     fixed = ~drive.steers[drive.slide_wheels]
+    # The slide rows of wheels that do not steer leave less to know, and tell nothing.
     never = drive.rows(drive.steering(np.zeros(drive.n)))[: drive.slide_count][fixed]
+    unknown = 3 - (int(np.linalg.matrix_rank(never)) if len(never) else 0)
     told = len(rows.names[rows.rolls]) + len(rows.names[rows.gyros]) + int((~fixed).sum())
-    return told - 3 + int(np.linalg.matrix_rank(never)) if len(never) else told - 3
+    return told - unknown
