@@ -19,13 +19,14 @@ from wackel_diagnoser.gyro_bias import GyroBias
 from wackel_diagnoser.history import History
 from wackel_diagnoser.hypotheses import Hypotheses
 from wackel_diagnoser.idle import IdleMotors
-from wackel_diagnoser.reference import Reference
+from wackel_diagnoser.reference import Reference, Target
 from wackel_diagnoser.references import ReferenceErrors
 from wackel_diagnoser.reports import Finding, Reports
 from wackel_diagnoser.rows import MOVING_M_S, Measured, Rows
 from wackel_diagnoser.scaling import Scaling
 from wackel_diagnoser.sequential import Sequential, threshold
 from wackel_diagnoser.small_faults import SmallFaults
+from wackel_diagnoser.standing import stand
 from wackel_diagnoser.verdicts import Verdicts
 from wackel_drive.alignment import Alignment, Step
 from wackel_drive.layout import Layout
@@ -122,6 +123,7 @@ class Diagnoser:
         self._wheels = layout.drive.n
         self._steps_made = 0
         self._driven_s = 0.0
+        self._stands = False  # whether, before there can be a verdict, a wheel stands
         self._restarts = 0
         self._is_shown = shown
         self._shown: int | None = None
@@ -174,7 +176,7 @@ class Diagnoser:
     def _step(self, step: Step) -> list[Message]:
         sequential, rows, seconds = self._sequential, self._rows, step.seconds
         young = self._driven_s < ACQUAINTED_S
-        calm = young or (sequential.verdict == 0 and sequential.alarm < CALM)
+        calm = sequential.verdict == 0 and sequential.alarm < CALM and not self._stands
         self._steps_made += 1
         learning = calm and self._steps_made % LEARN_EVERY == 0
         learnt_s = seconds * LEARN_EVERY if learning else 0.0
@@ -191,6 +193,7 @@ class Diagnoser:
         if young:
             self._driven_s += seconds if moving else 0.0
             sequential.forget()
+        self._stands = young and self._one_stands(target, measured)
         driven_s = learnt_s if moving else 0.0
         efforts = self._efforts.step(seconds, target.speed, driven_s, needed=not calm)
         if learning:
@@ -224,6 +227,12 @@ class Diagnoser:
             if self._is_shown():
                 messages.append(self._display.residuals(step, target, measured, variance))
         return messages
+
+    def _one_stands(self, target: Target, measured: Measured) -> bool:
+        """Whether a wheel that is told to roll stands while another rolls."""
+        rolls = self._rows.rolls
+        driven = stand(target.speed, measured.z[rolls].tolist(), measured.present[rolls].tolist())
+        return any(driven.values()) and not all(driven.values())
 
     def _learn(self, measured: Measured, variance: Floats, seconds: float, moving: bool) -> None:
         """What residuals are like when nothing is wrong, and the gyros' bias."""

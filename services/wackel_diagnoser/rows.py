@@ -56,6 +56,9 @@ a step later: tyres and drives follow within 50 ms, and not evenly. What nobody 
 turn, but the gyro's."""
 EVENS = 0.02
 """Share of a step in the mean of its length."""
+SHAKES_FADE = 0.9
+"""What is left, a step later, of the share by which all wheels seemed faster, or all slower, than
+just before: whatever delays one answer delays others."""
 UNKNOWN = 3.0
 """How much worse than configured calibration may be before driving has shown it."""
 STEP_S = 0.01
@@ -213,6 +216,7 @@ class Rows:
         self._hastening = Transients((drive.roll_radius * step / STEP_S).tolist())
         self._gyro_before = self._turned = self._no_gyros
         self._usual_s = 0.0  # length of a step
+        self._missed, self._shakes = self._no_rolls, 0.0  # of the last step
         # The references' yaw rate, and by how much that has changed of late, rad/s.
         self._told_yaw, self._asked = math.nan, 0.0
         self.every: Bools = np.ones(self.count, dtype=np.bool_)
@@ -298,7 +302,7 @@ class Rows:
         creep = self._tyres.creep(rows[-1], made, mean, speed, dt)
         mean += creep
         followed = made if target.known else _NO_TWIST
-        gaps, slides, uneven = target.heading_gap, len(sliding), self._unevenness(dt)
+        gaps, slides, uneven = target.heading_gap, len(sliding), self._uneven(missed, speeds, dt)
         # While wheels turn, their references contradict each other: they really slip.
         droop = DROOP_M_S * mean / (mean + GRIP_M_S)
         values = np.fromiter(
@@ -391,12 +395,31 @@ class Rows:
         fixed += causes[3 * count :]
         return base, fixed, loose
 
-    def _unevenness(self, dt: float) -> float:
-        """Share by which a step is longer or shorter than most: as much may its stamps be off, and
-        all speeds with them."""
+    def _uneven(self, missed: list[float], speeds: list[float], dt: float) -> float:
+        """Share by which all speeds may be off, for another time was measured than stamps say.
+
+        Either a step is longer or shorter than most; or an adapter or the computer was late by a
+        millisecond or two, which stamps do not show. All wheels then seem faster than just before,
+        or all slower, as no fault of a part makes them.
+
+        Args:
+            missed: By how much each roll row's wheel is faster than its reference, m/s.
+            speeds: Of the references, m/s.
+            dt: Of the step, s.
+        """
         off = max(min(dt - self._usual_s, UNCERTAIN_S), -UNCERTAIN_S) if self._usual_s else 0.0
         self._usual_s = self._usual_s + EVENS * off if self._usual_s else dt
-        return abs(off) / dt
+        before, self._missed = self._missed, missed
+        faster = [
+            (now - then) / speed
+            for now, then, speed in zip(missed, before, speeds, strict=True)
+            if abs(speed) > MOVING_M_S and math.isfinite(now - then)
+        ]
+        if len(faster) > 1:  # of one alone nobody can tell
+            alike = min(faster) > 0.0 or max(faster) < 0.0
+            common = min(map(abs, faster)) if alike else 0.0
+            self._shakes = max(min(common, UNCERTAIN_S / dt), SHAKES_FADE * self._shakes)
+        return max(abs(off) / dt, self._shakes)
 
     def _changed(self, turning: list[float], told: float) -> list[float]:
         """By how much each gyro's value has changed, in this step and in the one before, as far as

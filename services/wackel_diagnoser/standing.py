@@ -1,7 +1,7 @@
 """Which wheels stand though they are told to roll, and which roll as they are told."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 from wackel_diagnoser.history import DRIVING_M_S, STANDING
 
@@ -16,6 +16,17 @@ FOLLOWS = 0.25
 pulls against a blocked wheel as hard as the tyre grips loses so much at half speed."""
 FOLLOWING_S = 0.5
 """Over which that is averaged: longer than a reference leads or lags when the command changes."""
+
+
+def stand(
+    told: Sequence[float], rolled: Sequence[float], present: Sequence[bool]
+) -> dict[int, bool]:
+    """Which of the wheels that are told to roll stand now; see :meth:`Standing.step`."""
+    return {
+        roll: abs(does) < STANDING * abs(should)
+        for roll, (should, does, known) in enumerate(zip(told, rolled, present, strict=True))
+        if known and abs(should) > DRIVING_M_S
+    }
 
 
 class Standing:
@@ -38,10 +49,10 @@ class Standing:
 
     def step(
         self,
-        told: Iterable[float],
-        rolled: Iterable[float],
+        told: Sequence[float],
+        rolled: Sequence[float],
         seconds: float,
-        present: Iterable[bool],
+        present: Sequence[bool],
     ) -> None:
         """Takes in a step of all of them.
 
@@ -52,16 +63,15 @@ class Standing:
             present: Whether its sensor was heard.
         """
         fade = math.exp(-seconds / FOLLOWING_S)
-        driven, moves, rests = [], False, True
+        rests = True
         for roll, (should, does, known) in enumerate(zip(told, rolled, present, strict=True)):
             rests &= not abs(should) > DRIVING_M_S
             if known and abs(should) > DRIVING_M_S:
-                stands = abs(does) < STANDING * abs(should)
-                driven.append((roll, stands))
-                moves |= not stands
                 self._off[roll] = fade * self._off[roll] + abs(does - should)
                 self._told[roll] = fade * self._told[roll] + abs(should)
-        for roll, stands in driven:
+        driven = stand(told, rolled, present)
+        moves = not all(driven.values())
+        for roll, stands in driven.items():
             if not stands:
                 self._stood_s[roll] = 0.0
             elif moves:

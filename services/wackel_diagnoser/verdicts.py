@@ -220,7 +220,7 @@ class Verdicts:
         if stand - now:
             # One that stands seems to be steered wrong, too: it rolls along no direction.
             own = {self._steerings[path] for path in stand}
-            others = {path for path in now - own if not self._follows(path)}
+            others = {path for path in now - own - {component.COMMAND} if not self._follows(path)}
             standing = self._numbers.get(frozenset(stand | others))
             proposal = proposal if standing is None else standing
         # What a change of constants explains is believed before what fits better for a while. But a
@@ -234,6 +234,8 @@ class Verdicts:
         if (lasting & now) - names and not stand & names:
             return False
         if names == {component.DRIVE} and step.end - self.since > PUSHES_NS and now:
+            return False
+        if names == {component.COMMAND} and self._has_stood():
             return False
         if (stand & now) - names or (names > now and self._are_dragged(names - now)):
             return False

@@ -180,3 +180,19 @@ def test_stamps_that_are_a_millisecond_off_are_no_fault(name: str) -> None:
         rig.cycles += 1
         cycle.state.stamp += random.randrange(1_000_000)
         assert not [each for each in rig.feed(cycle) if isinstance(each, FaultReport)]
+
+
+@pytest.mark.parametrize("name", ["differential", "mecanum", "omni"])
+def test_answers_that_are_late_though_no_stamp_shows_it_are_no_fault(name: str) -> None:
+    """As of a computer or an adapter that is busy."""
+    drive = {"differential": differential_drive(), **other_drives()}[name]
+    rig, random = Rig.of(f"late/{name}/0", drive), Random(0)
+    for _ in range(2500):
+        cycle = rig.simulation.step(*rig.path[rig.cycles % len(rig.path)].tolist())
+        rig.cycles += 1
+        late_s = random.uniform(-0.001, 0.001)
+        for servo in cycle.state.servos:
+            assert servo.position is not None
+            assert servo.velocity is not None
+            servo.position += servo.velocity * late_s
+        assert not [each for each in rig.feed(cycle) if isinstance(each, FaultReport)]

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from wackel_diagnoser.standing import STANDS_S, Standing
+from wackel_diagnoser.standing import STANDS_S, Standing, stand
 
 STEP_S = 0.01
 STANDS_STEPS = round(STANDS_S / STEP_S) + 1
@@ -82,3 +82,8 @@ def test_nothing_is_known_of_a_wheel_at_the_beginning() -> None:
     wheels.begin()
     assert wheels.rows() == []
     assert not any(wheels.follows(roll) or wheels.stood(roll) for roll in range(3))
+
+
+def test_of_those_that_are_told_to_roll_some_stand_now() -> None:
+    told, rolled = (0.5, -0.5, 0.01, 0.5, float("nan")), (0.02, -0.4, 0.0, 0.0, 0.0)
+    assert stand(told, rolled, (True, True, True, False, True)) == {0: True, 1: False}

@@ -205,6 +205,19 @@ def test_a_differential_drive_names_its_side_and_no_more() -> None:
     assert [path for _, path in rig.active()] == ["wheel/left/drive"]
 
 
+@pytest.mark.parametrize("after_s", [0.0, 1.5])
+@pytest.mark.parametrize("number", range(3))
+def test_a_wheel_of_two_is_named_that_stands_before_the_robot_is_known(
+    number: int, after_s: float
+) -> None:
+    """As for a diagnoser that has just been started again: it once learnt that as its noise."""
+    rig = Rig.of(f"start0/{number}", differential_drive())
+    rig.drive(after_s)
+    rig.inject("wheel_blocked", "left")
+    rig.drive(20.0)
+    assert rig.active() == [("wheel_blocked", "wheel/left/drive")]
+
+
 @pytest.mark.parametrize("kind", ["wheel_free", "wheel_loose"])
 @pytest.mark.parametrize("number", range(3))
 def test_what_a_free_wheel_of_two_makes_others_seem_is_no_further_fault(
