@@ -136,8 +136,9 @@ FAULT_CODES: dict[str, FaultCode] = {
         window_s=15.0,
     ),
     "return_delay": FaultCode(
-        "The Return Delay Time register of {component} is set wrongly.",
-        "Write 0 to register Return Delay Time (torque off), as for the other servos.",
+        "The Return Delay Time register of {component} holds {held}; it should hold {expected}.",
+        "Write that to it with the torque off: wackel servo write ID return_delay_time VALUE. If "
+        "it is right as it is, correct return_delay_us in robot.toml.",
         "warning",
     ),
     "latency_timer": FaultCode(

@@ -94,6 +94,7 @@ class BusClassifier:
         self._incomplete = False  # whether the last transaction missed an answer
         self._late = False  # whether it had an answer to an earlier one
         self._missed: list[int] = []  # positions, in the last transaction that missed any
+        self._heard: Transaction | None = None  # the last in which servos spoke, or should have
         self._devices: set[int] = set()  # ids outside the chain that somebody asks on purpose
 
     def active(self) -> list[FaultReport]:
@@ -122,6 +123,7 @@ class BusClassifier:
         self._timing.host.waits += request.many
         quiet = True
         if data or transaction.expected:
+            self._heard = transaction
             answers = request.reader.read(data)
             if transaction.late_ns >= HELD_NS and data and answers.clean:
                 self._adapter_lag.late(transaction, self._now_ns)
@@ -417,7 +419,7 @@ class BusClassifier:
         self._goals_due = True
 
     def _conclude(self, transaction: Transaction) -> list[FaultReport]:
-        """What has changed with this transaction."""
+        """What has changed with this transaction; of one that nobody answers, nothing is seen."""
         now_ns, stamp = self._now_ns, transaction.stamp
         jammers, reach = self._jammers, self._reach
         if reach.waiting or reach.unheard:
@@ -443,7 +445,7 @@ class BusClassifier:
         findings += self._strangers.findings(now_ns)
         if findings:
             findings = explain(findings, self._chain, stamp)
-        reports = self._book.update(stamp, findings, transaction)
+        reports = self._book.update(stamp, findings, self._heard or transaction)
         self._conclude_ns = min(now_ns + CONCLUDE_NS, reach.due_ns)
         self._attention = reach.waiting | reach.unheard | self._losses.waiting
         self._attention |= self._duplicates.suspected

@@ -288,6 +288,7 @@ class Timing:
                 f"register Return Delay Time holds {servo.register} ({2 * servo.register} µs), "
                 f"it should hold {servo.expected} ({2 * servo.expected} µs)",
                 {"return_delay_register": servo.register, "expected_register": servo.expected},
+                words={"held": str(servo.register), "expected": str(servo.expected)},
             )
             for position, servo in enumerate(self._servos)
             if servo.register is not None and servo.expected is not None

@@ -21,7 +21,7 @@ examples:
   wackel servo reboot all                     all that robot.toml lists
   wackel servo read 1-4,7 present_temperature
   wackel servo read 5 present_position
-  wackel servo write 5 return_delay_time 0    raw, as in the control table
+  wackel servo write 5 profile_velocity 100   raw, as in the control table
   wackel servo factory-reset 5 --yes          all registers but id and baud rate
 
 The gateway does it between two cycles, so the robot goes on meanwhile. In the

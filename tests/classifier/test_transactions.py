@@ -175,20 +175,37 @@ def test_return_delay_registers_are_held_against_the_configuration_or_the_majori
         assert active == [("return_delay", f"bus/main/servo/{wrong}")]
 
 
-def test_a_slow_servo_among_quick_peers_is_told_by_requests_to_it_alone() -> None:
+def test_a_wrong_register_is_told_with_the_value_that_it_should_hold() -> None:
+    bus = Bus(4, return_delay_us=0)
+    bus.take(packet.read(4, 9, 1), [4], StatusPacket(4, 0, bytes([5])).encode())
+    assert [report.message for report in bus.classifier.active()] == [
+        "The Return Delay Time register of servo 4 on bus main holds 5; it should hold 0."
+    ]
+
+
+@pytest.mark.parametrize("goals", [0, 3])
+def test_a_slow_servo_among_quick_peers_is_told_by_requests_to_it_alone(goals: int) -> None:
     bus = Bus(4)
+    write = packet.sync_write(116, 4, {each: b"\1\2\3\4" for each in bus.ids})
 
     def round_of_pings() -> list[tuple[str, str]]:
         active: list[tuple[str, str]] = []
         for servo_id in bus.ids:
-            took = 1_600_000 if servo_id == 3 and bus.stamp > START + 10**9 else 690_000
+            took = (
+                1_600_000 if servo_id == 3 and bus.stamp > START + (1 + goals) * 10**9 else 690_000
+            )
             data = StatusPacket(servo_id, 0, b"\6\4\46").encode()
             times = [ResponseTime(id=servo_id, ns=took + servo_id * 1000)]
             active = bus.take(packet.ping(servo_id), [servo_id], data, response_times=times)
+            for _ in range(goals):
+                active = bus.take(write, [], b"")
         return active
 
     assert repeat(25, round_of_pings) == []
     assert repeat(8, round_of_pings) == [("slow_servo", "bus/main/servo/3")]
+    [report] = bus.classifier.active()
+    assert report.evidence.transaction is not None
+    assert report.evidence.transaction.expected  # not one that nobody answers
 
 
 def test_stray_bytes_are_told_once_nothing_has_explained_them_for_a_while() -> None:
