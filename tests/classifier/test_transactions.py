@@ -186,7 +186,7 @@ def test_a_wrong_register_is_told_with_the_value_that_it_should_hold() -> None:
 @pytest.mark.parametrize("goals", [0, 3])
 def test_a_slow_servo_among_quick_peers_is_told_by_requests_to_it_alone(goals: int) -> None:
     bus = Bus(4)
-    write = packet.sync_write(116, 4, {each: b"\1\2\3\4" for each in bus.ids})
+    write = packet.sync_write(116, 4, dict.fromkeys(bus.ids, b"\1\2\3\4"))
 
     def round_of_pings() -> list[tuple[str, str]]:
         active: list[tuple[str, str]] = []
