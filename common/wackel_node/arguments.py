@@ -1,6 +1,7 @@
 """Arguments that the commands share."""
 
 import argparse
+import math
 import re
 from pathlib import Path
 
@@ -19,6 +20,14 @@ def add_config(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help="the robot's configuration (default: robot.toml where you are, else all defaults)",
     )
+
+
+def add_config_first(parser: argparse.ArgumentParser) -> None:
+    """Adds the configuration as an argument of its own, of commands that are about little else;
+    ``--config`` names it here, too."""
+    help_ = "the robot's configuration (default: robot.toml where you are)"
+    parser.add_argument("config", nargs="?", type=Path, help=help_)
+    parser.add_argument("--config", type=Path, help=argparse.SUPPRESS, default=argparse.SUPPRESS)
 
 
 def config_of(arguments: argparse.Namespace) -> RobotConfig:
@@ -48,6 +57,32 @@ def configured(parser: argparse.ArgumentParser, argv: list[str], service: str) -
 def add_verbose(parser: argparse.ArgumentParser) -> None:
     """Adds ``--verbose``."""
     parser.add_argument("--verbose", action="store_true", help="log more")
+
+
+def above_zero(text: str) -> float:
+    """A quantity that can only be so.
+
+    Raises:
+        argparse.ArgumentTypeError: It is not.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value <= 1e6:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number above zero")
+    return value
+
+
+def count(text: str) -> int:
+    """A number of things, at least one.
+
+    Raises:
+        argparse.ArgumentTypeError: It is none.
+    """
+    if not text.isdecimal() or int(text) == 0:
+        raise argparse.ArgumentTypeError(f"{text!r} is no count above zero")
+    return int(text)
 
 
 def id_list(text: str) -> list[int]:

@@ -170,6 +170,19 @@ class RobotConfig(Section, kw_only=True, frozen=True):
     state_directory: str = ""
 
 
+def drive_of(config: RobotConfig, purpose: str) -> DriveConfig:
+    """The drive of a robot that needs one to ``purpose``.
+
+    Raises:
+        ConfigError: It has none.
+    """
+    if config.drive is None:
+        raise ConfigError(
+            f"no [drive] in the configuration of {config.robot}: list its wheels there to {purpose}"
+        )
+    return config.drive
+
+
 def load(path: Path) -> RobotConfig:
     """Reads and checks a file.
 

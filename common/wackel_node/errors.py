@@ -16,3 +16,7 @@ class Explained(Exception):
     """
 
     exit_code: ClassVar[int] = FAILED
+
+
+class AlreadyRunning(Explained):
+    """The services of this robot are running already."""

@@ -36,6 +36,7 @@ R = TypeVar("R", bound=Message)
 
 _MOST_TOLD = 200  # characters of a refusal
 _WARN_EVERY_S = 60.0
+_TOKENS_S = 0.3  # what is alive at a rendezvous is told at once; this is a hundred times that
 # Strangers may write on any key: what is remembered of each ends here.
 _MAX_KEYS = 1024
 # An hour at 1 kHz is not lost between two messages; such a jump is a stranger's number.
@@ -187,6 +188,21 @@ class Link:
                 self._prefix + "alive/*/*", Callback(on_sample, indirect=False), history=True
             )
         )
+
+    def alive(self) -> set[str]:
+        """Which services are there now, as ``<service>/<instance>``; what comes meanwhile is
+        handled, as by :meth:`pump`."""
+        there: set[str] = set()
+        self.watch_alive(lambda name, alive: there.add(name) if alive else None)
+        limit = time.monotonic() + _TOKENS_S
+        while (left_s := limit - time.monotonic()) > 0:
+            self.pump(left_s)
+        return there
+
+    def robots(self) -> set[str]:
+        """Names of all robots whose services meet at this rendezvous."""
+        tokens = self.session.liveliness().get(f"{ROOT}/*/alive/*/*", timeout=_TOKENS_S)
+        return {str(reply.ok.key_expr).split("/")[1] for reply in tokens if reply.ok is not None}
 
     def serve(self, query: Query[Q, R], handler: Callable[[Q], R], **chunks: str) -> None:
         """Answers requests from :meth:`pump`; a request that is not understood gets an error."""

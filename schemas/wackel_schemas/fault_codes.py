@@ -155,7 +155,8 @@ FAULT_CODES: dict[str, FaultCode] = {
     ),
     "adapter_lag": FaultCode(
         "{component} held answers back now and then; its cables and servos are not to blame.",
-        "Plug it into a port of its own, without a hub; look into dmesg; exchange its USB cable.",
+        "Look whether the computer is too busy (load, governor, swapping); else plug the adapter "
+        "into a port of its own, without a hub; look into dmesg; exchange its USB cable.",
         "info",
         heal_s=5.0,
     ),

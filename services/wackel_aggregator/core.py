@@ -251,7 +251,8 @@ class Aggregator:
         ]
         if not found:
             ready = sum(service.status == "ready" for service in self._services)
-            return "ok", f"All well: {ready} services ready, no fault."
+            are = "service" if ready == 1 else "services"
+            return "ok", f"All well: {ready} {are} ready, no fault."
         level, sentence = max(found, key=lambda f: _RANK[f[0]])
         more = sum(_RANK[other] > 0 for other, _ in found) - 1
         return level, sentence + (f" ({more} more)" if more > 0 else "")

@@ -6,12 +6,11 @@ import re
 import sys
 import textwrap
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any, get_args, get_origin, get_type_hints
 
 import msgspec
 
-from wackel_node.arguments import config_of
+from wackel_node.arguments import add_config_first, config_of
 from wackel_node.config import RobotConfig, dump
 from wackel_node.config_types import Section
 from wackel_node.errors import OK
@@ -27,9 +26,7 @@ def main(argv: list[str]) -> int:
         description="Checks a configuration and prints it with all defaults written out, as TOML "
         "that may be saved and edited. A mistake is told in one line, with exit code 2.",
     )
-    parser.add_argument(
-        "config", nargs="?", type=Path, help="default: robot.toml where you are, else all defaults"
-    )
+    add_config_first(parser)
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="print JSON instead of TOML")
     form.add_argument("--explain", action="store_true", help="print what each setting means")

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import shutil
 import socket
 import sys
 import time
@@ -23,6 +24,7 @@ from wackel_cli.top import follow
 from wackel_cli.up import rendezvous, robot_jobs, stopped_by_signals, supervised
 from wackel_cli.wheeled_robot import BUS, PILOT, WHEELS, three_wheels, with_physics
 from wackel_node import log
+from wackel_node.arguments import count
 from wackel_node.config import RobotConfig, ServoConfig, dump
 from wackel_node.errors import FAILED, OK
 from wackel_node.keyboard import Keyboard
@@ -127,7 +129,10 @@ def main(argv: list[str]) -> int:
         "--view", action="store_true", help="show the robot in a Foxglove viewer, too"
     )
     parser.add_argument(
-        "--faults", type=int, metavar="N", help="end after N faults (default: go on until stopped)"
+        "--faults",
+        type=count,
+        metavar="N",
+        help="end after N faults (default: go on until stopped)",
     )
     arguments = parser.parse_args(argv)
     console = Console(highlight=False)
@@ -148,7 +153,9 @@ def main(argv: list[str]) -> int:
         ):
             log.set_up("demo")
             show = Show(link, config, arguments.faults)
-            show.tell(f"look: wackel top --config {path}")
+            # Not in the PATH of who has just cloned it.
+            command = "wackel" if shutil.which("wackel") else sys.argv[0]
+            show.tell(f"look: {command} top --config {path}")
             if arguments.view:
                 show.tell(f"view: ws://127.0.0.1:{port} with the layout {layout}")
             view = _plain if plain else _live

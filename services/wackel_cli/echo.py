@@ -8,7 +8,7 @@ import msgspec
 
 from wackel_cli.lines import as_json, as_text, clock_time, printable
 from wackel_cli.rates import Rate, Rates
-from wackel_node.arguments import add_config, config_of
+from wackel_node.arguments import add_config, config_of, count
 from wackel_node.errors import OK
 from wackel_node.link import Link
 from wackel_node.listen import EVERYTHING, header_of, key_expression, listen
@@ -67,18 +67,12 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "-n",
         "--count",
-        type=_count,
+        type=count,
         default=float("inf"),
         metavar="N",
         help="end after so many messages (with --hz: after so many seconds)",
     )
     return parser
-
-
-def _count(text: str) -> int:
-    if not text.isdecimal() or int(text) == 0:
-        raise argparse.ArgumentTypeError(f"{text!r} is no count above zero")
-    return int(text)
 
 
 class _Messages:

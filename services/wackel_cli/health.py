@@ -41,11 +41,16 @@ def main(argv: list[str]) -> int:
     arguments = _parse(argv)
     operation = _OPERATIONS[arguments.operation]
     request = HealthRequest(operation=operation, code=arguments.code, component=arguments.component)
-    with Link(config_of(arguments)) as link:
+    config = config_of(arguments)
+    with Link(config) as link:
         try:
             reply = link.ask(keys.HEALTH_REQUEST, request)
         except TimeoutError as error:
-            raise NotReached("no aggregator answers: start it with `wackel up`") from error
+            others = ", ".join(sorted(link.robots()))
+            hint = "start it with `wackel up`"
+            if others:
+                hint = f"here runs {others}; name its robot.toml with --config"
+            raise NotReached(f"no aggregator of robot {config.robot} answers: {hint}") from error
     health = reply.health
     if arguments.json:
         print(msgspec.json.format(msgspec.json.encode(reply), indent=2).decode())

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import IO, Literal, Self
 
@@ -29,6 +30,7 @@ class Job:
         after: Names of jobs that have to be ready before the first start.
         patience_s: After so long it starts even so.
         once: Whether it is over for good when it ends without an error.
+        outlives: Whether it is stopped only after the others, which would take its end for a fault.
     """
 
     name: str
@@ -36,6 +38,7 @@ class Job:
     after: tuple[str, ...] = ()
     patience_s: float = math.inf
     once: bool = False
+    outlives: bool = False
 
 
 @dataclass(frozen=True)
@@ -144,9 +147,17 @@ class Supervisor:
     def stop(self) -> None:
         """Stops all: SIGTERM, and SIGKILL for the stubborn."""
         running = [(run, run.process) for run in self._runs if run.process is not None]
-        for _, process in running:
-            process.terminate()
         limit = time.monotonic() + GRACE_S
+        first = [process for run, process in running if not run.job.outlives]
+        for process in first:
+            process.terminate()
+        if len(first) < len(running):
+            for process in first:
+                with suppress(subprocess.TimeoutExpired):
+                    process.wait(max(0.0, limit - GRACE_S / 2 - time.monotonic()))
+            for run, process in running:
+                if run.job.outlives:
+                    process.terminate()
         for run, process in running:
             try:
                 process.wait(max(0.0, limit - time.monotonic()))

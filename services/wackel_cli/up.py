@@ -13,9 +13,9 @@ from typing import IO
 
 from wackel_cli.supervisor import Change, Job, Supervisor
 from wackel_node import log
-from wackel_node.arguments import DEFAULT
+from wackel_node.arguments import DEFAULT, add_config_first
 from wackel_node.config import RobotConfig, load
-from wackel_node.errors import OK, Explained
+from wackel_node.errors import OK, AlreadyRunning
 from wackel_node.link import Link
 from wackel_node.session import NotReached
 from wackel_recording.reader import open_recordings
@@ -24,11 +24,6 @@ from wackel_schemas.health import Health, Heartbeat
 
 _PATIENCE_S = 10.0  # what a computer that boots needs to start all services at once
 _PROCESSES_TOLD = 2  # of one service: the one before a restart and the one after
-_TOKENS_S = 0.3  # what is alive at a rendezvous is told at once; this is a hundred times that
-
-
-class AlreadyRunning(Explained):
-    """The services of this robot are running already."""
 
 
 def main(argv: list[str]) -> int:
@@ -40,13 +35,7 @@ def main(argv: list[str]) -> int:
         epilog="All services end with this process, whatever ends it. On a robot whose control "
         "must go on (mode proxy), let systemd run the services instead: compose/systemd.",
     )
-    parser.add_argument(
-        "config",
-        nargs="?",
-        type=Path,
-        default=DEFAULT,
-        help="the robot's configuration (default: %(default)s)",
-    )
+    add_config_first(parser)
     source = parser.add_mutually_exclusive_group()
     source.add_argument("--virtual", action="store_true", help="with virtual servos on the ports")
     source.add_argument(
@@ -65,13 +54,14 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--json", action="store_true", help="one JSON object a line")
     arguments = parser.parse_args(argv)
     log.set_up("up")
-    config = load(arguments.config)
+    path = arguments.config or DEFAULT
+    config = load(path)
     if arguments.play is not None:
         open_recordings([arguments.play])  # says what is wrong with it before anything starts
     show = show_json if arguments.json else show_text
     jobs = robot_jobs(
         config,
-        arguments.config,
+        path,
         virtual=arguments.virtual,
         record=arguments.record,
         recording=arguments.play,
@@ -127,7 +117,7 @@ def robot_jobs(
         ),
     ]
     if virtual:
-        first = job("virtual/main", "virtual")
+        first = replace(job("virtual/main", "virtual"), outlives=True)
         sources = [first, *(replace(each, after=(first.name,)) for each in sources)]
     if recorders:
         # What is recorded from the first message on can be concluded from again; but a robot moves
@@ -156,12 +146,7 @@ def rendezvous(
         AlreadyRunning: A service that is to run is there already.
     """
     with _linked(config, external) as link:
-        alive: set[str] = set()
-        link.watch_alive(lambda name, there: alive.add(name) if there else None)
-        limit = time.monotonic() + _TOKENS_S
-        while time.monotonic() < limit:
-            link.pump(limit - time.monotonic())
-        twice = alive & {job.name for job in jobs}
+        twice = link.alive() & {job.name for job in jobs}
         if twice:
             names = ", ".join(sorted(twice))
             raise AlreadyRunning(f"robot {config.robot} is up already ({names}); stop it first")

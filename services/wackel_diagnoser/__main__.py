@@ -5,7 +5,7 @@ import sys
 
 from wackel_node.algebra import single_threaded
 from wackel_node.arguments import configured
-from wackel_node.config import ConfigError
+from wackel_node.config import drive_of
 from wackel_node.errors import OK
 
 
@@ -21,13 +21,11 @@ def main(argv: list[str]) -> int:
         "explain robot.toml`.",
     )
     config = configured(parser, argv, "diagnoser")
-    if config.drive is None:
-        raise ConfigError("robot.toml has no [drive]: list the wheels there to have them diagnosed")
-
+    drive = drive_of(config, "have them diagnosed")
     single_threaded()
     from wackel_diagnoser.service import run
 
-    run(config, config.drive)
+    run(config, drive)
     return OK
 
 

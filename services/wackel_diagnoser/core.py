@@ -217,7 +217,8 @@ class Diagnoser:
         changed = self._verdicts.step(step, target, evidence, likelihood, currents)
         if self._steps_made % LOOK_EVERY == 0:
             if (rolling := self._efforts.rolling()) is not None:
-                self._idle.step(seconds * LOOK_EVERY, target.speed, rolling)
+                turning = (measured.h[rows.rolls, 2] * measured.followed[2]).tolist()
+                self._idle.step(seconds * LOOK_EVERY, target.speed, turning, rolling)
             self._verdicts.free(map(or_, self._efforts.off, self._idle.found))
         messages: list[Message] = []
         if changed or self._to_examine(step.end):

@@ -4,11 +4,10 @@ import argparse
 import json
 import math
 import sys
-from pathlib import Path
 
 from wackel_node.algebra import single_threaded
-from wackel_node.arguments import DEFAULT
-from wackel_node.config import ConfigError, RobotConfig, load
+from wackel_node.arguments import DEFAULT, add_config_first
+from wackel_node.config import RobotConfig, drive_of, load
 
 
 def main(argv: list[str]) -> int:
@@ -20,18 +19,11 @@ def main(argv: list[str]) -> int:
         epilog="Asked of the diagnoser's own arithmetic, with typical faults: a wheel 20 % slow, a "
         "steering 5° off, a gyro off by 0.1 rad/s, at 0.5 m/s.",
     )
-    parser.add_argument(
-        "config",
-        nargs="?",
-        type=Path,
-        default=DEFAULT,
-        help="the robot's configuration (default: %(default)s)",
-    )
+    add_config_first(parser)
     parser.add_argument("--json", action="store_true", help="one JSON object a fault")
     arguments = parser.parse_args(argv)
-    config = load(arguments.config)
-    if config.drive is None:
-        raise ConfigError(f"{arguments.config} has no [drive]: list the wheels there")
+    config = load(arguments.config or DEFAULT)
+    drive_of(config, "see which of their faults can be told apart")
     single_threaded()
     for line in _json(config) if arguments.json else _text(config):
         print(line)

@@ -5,7 +5,7 @@ import sys
 
 from wackel_node.algebra import single_threaded
 from wackel_node.arguments import configured
-from wackel_node.config import ConfigError
+from wackel_node.config import drive_of
 from wackel_node.errors import OK
 
 
@@ -20,13 +20,11 @@ def main(argv: list[str]) -> int:
         epilog="Look at it: `wackel echo odometry`. Reset the pose: a query on odometry/request.",
     )
     config = configured(parser, argv, "odometry")
-    if config.drive is None:
-        raise ConfigError("robot.toml has no [drive]: list the wheels there to get odometry")
-
+    drive = drive_of(config, "get odometry")
     single_threaded()
     from wackel_odometry.service import run
 
-    run(config, config.drive)
+    run(config, drive)
     return OK
 
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from wackel_node import log
 from wackel_node.algebra import single_threaded
-from wackel_node.arguments import add_config, config_of
-from wackel_node.config import ConfigError
+from wackel_node.arguments import above_zero, add_config, config_of
+from wackel_node.config import drive_of
 from wackel_node.errors import OK
 from wackel_pilot import path
 
@@ -34,29 +34,27 @@ def main(argv: list[str]) -> int:
     parser.add_argument(
         "--path", choices=["circle", "eight", "random"], default="circle", help="the way (circle)"
     )
-    parser.add_argument("--speed", metavar="M/S", type=_positive, default=0.3, help="(0.3)")
-    parser.add_argument("--radius", metavar="M", type=_positive, default=1.0, help="(1.0)")
+    parser.add_argument("--speed", metavar="M/S", type=above_zero, default=0.3, help="(0.3)")
+    parser.add_argument("--radius", metavar="M", type=above_zero, default=1.0, help="(1.0)")
     parser.add_argument(
-        "--acceleration", metavar="M/S²", type=_positive, default=0.3, help="from rest (0.3)"
+        "--acceleration", metavar="M/S²", type=above_zero, default=0.3, help="from rest (0.3)"
     )
     parser.add_argument("--seed", type=int, default=0, help="of a random path (0)")
     parser.add_argument(
         "--for",
         metavar="S",
-        type=_positive,
+        type=above_zero,
         dest="duration_s",
         help="end after so many seconds (default: Ctrl-C)",
     )
     arguments = parser.parse_args(argv)
     log.set_up("pilot")
     config = config_of(arguments)
-    if config.drive is None:
-        raise ConfigError("robot.toml has no [drive]: list the wheels there to drive")
-
+    drive = drive_of(config, "drive")
     single_threaded()
     from wackel_pilot.service import run
 
-    run(config, config.drive, _path(arguments), arguments.duration_s)
+    run(config, drive, _path(arguments), arguments.duration_s)
     return OK
 
 
@@ -73,13 +71,6 @@ def _path(arguments: argparse.Namespace) -> path.Path:
         "eight": path.eight,
     }
     return paths[arguments.path](*shape)
-
-
-def _positive(text: str) -> float:
-    value = float(text)
-    if not 0.0 < value <= 1e6:
-        raise argparse.ArgumentTypeError(f"{text!r} must be more than 0")
-    return value
 
 
 if __name__ == "__main__":

@@ -5,6 +5,8 @@ import time
 from wackel_drive.layout import Layout, Servo
 from wackel_node.config import RobotConfig
 from wackel_node.config_drive import DriveConfig
+from wackel_node.errors import AlreadyRunning
+from wackel_node.link import Link
 from wackel_node.log import logger
 from wackel_node.node import Node
 from wackel_node.session import NotReached
@@ -38,7 +40,11 @@ def run(config: RobotConfig, drive: DriveConfig, path: Path, duration_s: float |
 
     Raises:
         NotReached: No gateway answers.
+        AlreadyRunning: Another pilot drives it.
     """
+    with Link(config) as link:
+        if "pilot/main" in link.alive():
+            raise AlreadyRunning(f"a pilot drives robot {config.robot} already; stop it first")
     with Node("pilot", "main", config) as node:
         layout = Layout(drive)
         control = Control(drive, _prepared(node, config, layout))

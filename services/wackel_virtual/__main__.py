@@ -1,13 +1,14 @@
 """``wackel virtual``: a virtual robot on real serial ports, and faults at will."""
 
 import argparse
+import difflib
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from wackel_node import log
 from wackel_node.algebra import single_threaded
-from wackel_node.arguments import add_config, config_of
+from wackel_node.arguments import above_zero, add_config, config_of
 from wackel_node.errors import FAILED, OK, USAGE, Explained
 
 if TYPE_CHECKING:
@@ -138,7 +139,6 @@ def _tap(text: str) -> tuple[str, str]:
 def _inject(argv: list[str]) -> int:
     from wackel_schemas.virtual import Injection
 
-    kinds = _all_kinds()
     parser = argparse.ArgumentParser(
         prog="wackel virtual inject",
         description="Makes a fault on the running virtual robot. `wackel virtual kinds` explains\n"
@@ -146,7 +146,7 @@ def _inject(argv: list[str]) -> int:
         epilog=_INJECT_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("kind", metavar="KIND", choices=kinds, help=", ".join(kinds))
+    parser.add_argument("kind", metavar="KIND", type=_kind, help=", ".join(_all_kinds()))
     _add_place(parser)
     parser.add_argument("--value", metavar="X", type=float, help="its strength, by kind")
     parser.add_argument(
@@ -155,7 +155,7 @@ def _inject(argv: list[str]) -> int:
     parser.add_argument(
         "--for",
         metavar="S",
-        type=float,
+        type=above_zero,
         dest="duration_s",
         help="end after so many seconds (default: when healed)",
     )
@@ -185,7 +185,7 @@ def _heal(argv: list[str]) -> int:
         metavar="KIND",
         nargs="?",
         default="",
-        choices=["", *_all_kinds()],
+        type=_kind,
         help="only this kind",
     )
     _add_place(parser)
@@ -241,6 +241,15 @@ def _all_kinds() -> "dict[str, Kind]":
     from wackel_virtual.faults import KINDS
 
     return {**KINDS, **DRIVE_KINDS}
+
+
+def _kind(text: str) -> str:
+    kinds = _all_kinds()
+    if text and text not in kinds:
+        near = difflib.get_close_matches(text, kinds, n=1)
+        hint = f"did you mean {near[0]}?" if near else "`wackel virtual kinds` explains all"
+        raise argparse.ArgumentTypeError(f"there is no {text!r}; {hint}")
+    return text
 
 
 def _add_place(parser: argparse.ArgumentParser) -> None:

@@ -132,10 +132,12 @@ def checked_drive(injection: Injection, layout: "Layout") -> Injection:
     able = [each for i, each in enumerate(layout.names) if joints is None or joints[i] is not None]
     if kind.place == "robot" and wheel is not None:
         raise InjectionError(f"{name} concerns the whole robot; leave out the wheel")
+    if not able:
+        raise InjectionError(f"{name}: no wheel of this robot has a {kind.place} of its own")
     if joints is not None and wheel is None:
-        raise InjectionError(f"{name} needs a wheel; there are {', '.join(able) or 'none'}")
+        raise InjectionError(f"{name} needs a wheel; there are {', '.join(able)}")
     if wheel is not None and wheel not in able:
-        raise InjectionError(f"{name}: no wheel {wheel!r}; there are {', '.join(able) or 'none'}")
+        raise InjectionError(f"{name}: no wheel {wheel!r}; there are {', '.join(able)}")
     if name == "push" and injection.duration_s is None:
         injection = Injection(
             kind=name, value=injection.value, start_s=injection.start_s, duration_s=PUSH_S

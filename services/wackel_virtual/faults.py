@@ -215,9 +215,9 @@ def of_strength(injection: Injection, kind: Kind) -> Injection:
             f"{'a whole number ' if kind.whole else ''}from {kind.least:g} to {kind.most:g}"
         )
     if not 0 <= injection.start_s < math.inf:
-        raise InjectionError(f"start_s = {injection.start_s:g} must be 0 or more")
+        raise InjectionError(f"it cannot begin {injection.start_s:g} s from now")
     if injection.duration_s is not None and not 0 < injection.duration_s < math.inf:
-        raise InjectionError(f"duration_s = {injection.duration_s:g} must be more than 0")
+        raise InjectionError(f"it cannot last {injection.duration_s:g} s")
     return msgspec.structs.replace(injection, value=value)
 
 

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 _PORTS_ON = 10_000
 """Not the next port, which is another robot's."""
 _LAST_PORT = 65_535
+_LOOK_FOR_END_S = 0.5
 
 
 def run(scenario: Scenario) -> None:
@@ -54,13 +55,24 @@ def run(scenario: Scenario) -> None:
         drive = scenario.make_drive(buses)
         node.await_links()
         with _ports(scenario, buses, drive, on_sample) as ports:
+            active: list[Injection] = []
 
             def on_request(request: VirtualRequest) -> VirtualReply:
+                nonlocal active
                 reply = ports.call(lambda buses: obey(request, buses, config, drive))
                 reply.stamp = node.clock.now_ns()
                 logger.info("%s", reply.text)
+                active = reply.active
                 return reply
 
+            def tell_ended() -> None:
+                nonlocal active
+                before, active = active, ports.call(lambda buses: _active(buses, drive))
+                for fault in before:
+                    if fault not in active:
+                        logger.info("over: %s", in_words(fault))
+
+            node.every(_LOOK_FOR_END_S, tell_ended)
             node.serve(keys.VIRTUAL_REQUEST, on_request)
             node.every(LOOK_S, GiveWay())
             node.ready()

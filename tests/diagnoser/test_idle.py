@@ -16,6 +16,7 @@ from wackel_schemas.fault import FaultReport
 NEEDS = Needs(friction=0.15, mass=0.05, unsure=0.0)
 USUAL = [0.1**2] * 4
 LOOK_S = 0.04
+STRAIGHT = [0.0] * 4
 
 
 def look(
@@ -35,7 +36,7 @@ def look(
         if idle is not None:
             load[idle] = 0.0
         current = NEEDS[0] * speed + load + rng.normal(0.0, 0.003, 4)
-        motors.step(LOOK_S, speed.tolist(), Rolling(current.tolist(), needs, USUAL))
+        motors.step(LOOK_S, speed.tolist(), STRAIGHT, Rolling(current.tolist(), needs, USUAL))
 
 
 def test_a_motor_that_idles_while_others_work_is_found_and_heals() -> None:
@@ -66,7 +67,7 @@ def hasten(motors: IdleMotors, needs: Needs) -> None:
     for step in range(round(2.0 / LOOK_S)):
         speed = 0.3 * math.exp(growth * step * LOOK_S)
         current = needs.friction * speed + rng.normal(0.0, 0.003, 4)
-        motors.step(LOOK_S, [speed] * 4, Rolling(current.tolist(), needs, USUAL))
+        motors.step(LOOK_S, [speed] * 4, STRAIGHT, Rolling(current.tolist(), needs, USUAL))
 
 
 def test_friction_that_was_learnt_at_low_speed_makes_no_motor_idle() -> None:
@@ -84,6 +85,29 @@ def test_friction_that_is_hardly_known_excuses_no_motor_that_works() -> None:
     assert not any(motors.found)
 
 
+def swerve(motors: IdleMotors, *, told: bool) -> None:
+    """Along and about at once, faster and slower, as a disc on four wheels at its rim: to turn, it
+    needs half as much as it would to drive. The first wheel has nothing to do."""
+    rng = np.random.default_rng(5)
+    along, about = np.array([0.5, 0.1, 1.2, -0.6]), np.array([-1.0, 1.0, 1.0, -1.0])
+    for step in range(round(8.0 / LOOK_S)):
+        speed, hastens = math.sin(2.0 * step * LOOK_S), 2.0 * math.cos(2.0 * step * LOOK_S)
+        current = NEEDS.friction * (along + about) * speed + rng.normal(0.0, 0.003, 4)
+        current += NEEDS.mass * (along + 0.5 * about) * hastens
+        turning = (about * speed).tolist() if told else STRAIGHT
+        rolling = Rolling(current.tolist(), NEEDS, USUAL)
+        motors.step(LOOK_S, ((along + about) * speed).tolist(), turning, rolling)
+
+
+def test_a_wheel_that_turning_leaves_nothing_to_do_is_not_idle() -> None:
+    motors = IdleMotors(4, 1 / LOOK_S)
+    swerve(motors, told=False)
+    assert motors.found[0], "who takes it for driving must think so"
+    motors = IdleMotors(4, 1 / LOOK_S)
+    swerve(motors, told=True)
+    assert not any(motors.found)
+
+
 def drive_evenly(motors: IdleMotors, seconds: float, blocked: int | None = None) -> None:
     """On even ground at an even speed, where motors need little but for friction."""
     rng = np.random.default_rng(2)
@@ -93,7 +117,7 @@ def drive_evenly(motors: IdleMotors, seconds: float, blocked: int | None = None)
         current = NEEDS[0] * 0.3 + push + rng.normal(0.0, 0.003, 4)
         if blocked is not None:
             current[blocked] = 1.2
-        motors.step(LOOK_S, [0.3] * 4, Rolling(current.tolist(), NEEDS, [0.009**2] * 4))
+        motors.step(LOOK_S, [0.3] * 4, STRAIGHT, Rolling(current.tolist(), NEEDS, [0.009**2] * 4))
 
 
 def test_on_even_ground_the_first_change_of_speed_tells() -> None:
@@ -110,7 +134,9 @@ def test_on_even_ground_the_first_change_of_speed_tells() -> None:
             if idle is not None:
                 load[idle] = 0.0
             current = NEEDS[0] * speed + load + rng.normal(0.0, 0.003, 4)
-            motors.step(LOOK_S, [speed] * 4, Rolling(current.tolist(), NEEDS, [0.009**2] * 4))
+            motors.step(
+                LOOK_S, [speed] * 4, STRAIGHT, Rolling(current.tolist(), NEEDS, [0.009**2] * 4)
+            )
 
     drive(idle=None)
     assert not any(motors.found)
@@ -135,7 +161,7 @@ def test_nonsense_convicts_nobody(speed: Floats, current: Floats) -> None:
     motors = IdleMotors(4, 1 / LOOK_S)
     with np.errstate(all="ignore"):
         for _ in range(3):
-            motors.step(LOOK_S, speed.tolist(), Rolling(current.tolist(), NEEDS, USUAL))
+            motors.step(LOOK_S, speed.tolist(), STRAIGHT, Rolling(current.tolist(), NEEDS, USUAL))
     assert not any(motors.found)
     look(motors, 5.0, idle=2)
     assert motors.found[2]

@@ -236,7 +236,7 @@ def test_faults_of_the_drive_are_injected_and_healed_on_request(tmp_path):
     refused = ask("inject", kind="steering_blocked", wheel="left")
     assert (refused.ok, refused.text) == (
         False,
-        "steering_blocked: no wheel 'left'; there are none",
+        "steering_blocked: no wheel of this robot has a steering of its own",
     )
     assert not ask("inject", kind="break", servo=2, wheel="left").ok
 
