@@ -25,9 +25,28 @@ def add_config(parser: argparse.ArgumentParser) -> None:
 def add_config_first(parser: argparse.ArgumentParser) -> None:
     """Adds the configuration as an argument of its own, of commands that are about little else;
     ``--config`` names it here, too."""
-    help_ = "the robot's configuration (default: robot.toml where you are)"
-    parser.add_argument("config", nargs="?", type=Path, help=help_)
-    parser.add_argument("--config", type=Path, help=argparse.SUPPRESS, default=argparse.SUPPRESS)
+    parser.add_argument(
+        "config",
+        nargs="?",
+        action=_IfThere,
+        type=Path,
+        help="the robot's configuration (default: robot.toml where you are)",
+    )
+    parser.add_argument("--config", type=Path, help=argparse.SUPPRESS)
+
+
+class _IfThere(argparse.Action):
+    """Stores an argument that may be missing; else, it would undo an option of its name."""
+
+    def __call__(
+        self,
+        _parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: object,
+        _option: str | None = None,
+    ) -> None:
+        if values is not None:
+            setattr(namespace, self.dest, values)
 
 
 def config_of(arguments: argparse.Namespace) -> RobotConfig:

@@ -35,7 +35,7 @@ def report(
         component=component,
         status=status,
         confidence=1.0,
-        message=message(code, component, reason="R", error="E"),
+        message=message(code, component, reason="R", error="E", held="5", expected="0"),
         remedy=FAULT_CODES[code].remedy,
         evidence=Evidence(summary="seen"),
         since=UTC,

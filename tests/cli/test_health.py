@@ -8,6 +8,7 @@ from rich.console import Console
 
 from tests import robot
 from wackel_cli.health import as_text, folded, main
+from wackel_node.session import NotReached
 from wackel_schemas.fault import Evidence
 from wackel_schemas.health import FaultRecord, Health, ServiceHealth
 
@@ -72,6 +73,16 @@ def test_on_a_narrow_terminal_what_is_folded_goes_on_below_itself() -> None:
         "          → Push both plugs",
         "          home.",
     ]
+
+
+@pytest.mark.process
+def test_who_has_the_wrong_configuration_is_told_who_is_there(tmp_path: Path) -> None:
+    with robot.running(robot.chain(tmp_path, 3), tmp_path) as running:
+        running.wait(running.ready)
+        other = tmp_path / "other.toml"
+        other.write_text((tmp_path / "robot.toml").read_text().replace("testbot", "otherbot"))
+        with pytest.raises(NotReached, match="here runs testbot"):
+            main(["--config", str(other)])
 
 
 @pytest.mark.process

@@ -4,12 +4,15 @@ import contextlib
 import json
 import math
 import os
+import re
 import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -154,6 +157,32 @@ def test_what_is_killed_is_started_again(path: Path) -> None:
         assert story.wait_for("started", 2).pid != first.pid
     assert story.changes[-1].event == "stopped"
     assert not is_running(story.changes[-1].pid)
+
+
+def is_told_to_end(pid: int) -> bool:
+    """Whether SIGTERM waits for a process that does not run now."""
+    pending = re.search(r"ShdPnd:\s*(\w+)", Path(f"/proc/{pid}/status").read_text())
+    return pending is not None and bool(int(pending[1], 16) >> (signal.SIGTERM - 1) & 1)
+
+
+@pytest.mark.process
+def test_hardware_is_stopped_once_nobody_reads_it_any_more(path: Path) -> None:
+    hardware, reader = replace(aggregator(path), name="a", outlives=True), aggregator(path)
+    story = Story([hardware, reader])
+    with story.supervisor:
+        first, second = story.wait_for("started").pid, story.wait_for("started", 2).pid
+        for pid in (first, second):
+            os.kill(pid, signal.SIGSTOP)
+            wait_until(lambda pid=pid: state(pid) == "T")
+        stopping = threading.Thread(target=story.supervisor.stop)
+        stopping.start()
+        wait_until(lambda: is_told_to_end(second))
+        assert not is_told_to_end(first)
+        os.kill(second, signal.SIGCONT)
+        wait_until(lambda: not is_running(first) or is_told_to_end(first))
+        assert not is_running(second)
+        stopping.join()
+    assert not is_running(first)
 
 
 @pytest.mark.process

@@ -1,10 +1,11 @@
 """What the commands' shared arguments take."""
 
 import argparse
+from pathlib import Path
 
 import pytest
 
-from wackel_node.arguments import id_list
+from wackel_node.arguments import above_zero, add_config_first, count, id_list
 
 
 def test_ids_are_written_as_people_write_them() -> None:
@@ -20,3 +21,21 @@ def test_ids_are_written_as_people_write_them() -> None:
     }.items():
         with pytest.raises(argparse.ArgumentTypeError, match=why):
             id_list(nonsense)
+
+
+def test_what_can_only_be_above_zero_is_so() -> None:
+    assert (above_zero("0.5"), count("3")) == (0.5, 3)
+    for nonsense in ("0", "-5", "nan", "inf", "x", ""):
+        with pytest.raises(argparse.ArgumentTypeError, match="above zero"):
+            above_zero(nonsense)
+        with pytest.raises(argparse.ArgumentTypeError, match="above zero"):
+            count(nonsense)
+
+
+def test_a_configuration_may_stand_first_or_behind_its_option() -> None:
+    parser = argparse.ArgumentParser()
+    add_config_first(parser)
+    parser.add_argument("--other", action="store_true")
+    for arguments in (["r.toml"], ["--config", "r.toml"], ["--other", "--config", "r.toml"]):
+        assert parser.parse_args(arguments).config == Path("r.toml"), arguments
+    assert parser.parse_args(["--other"]).config is None

@@ -12,7 +12,7 @@ from tests.odometry.simulation import steered_drive
 from tests.robot import Robot, chain, process, running, write
 from wackel_node.config import RobotConfig, ServoConfig
 from wackel_node.config_drive import GyroConfig
-from wackel_node.errors import NOT_REACHED, USAGE
+from wackel_node.errors import FAILED, NOT_REACHED, USAGE
 from wackel_schemas import keys
 from wackel_schemas.bus import BusRequest, BusState
 from wackel_schemas.drive import Odometry, TwistCommand
@@ -73,6 +73,10 @@ def test_the_robot_drives_and_stops_when_the_pilot_is_stopped(tmp_path: Path) ->
             )
             gaps = [b.stamp - a.stamp for a, b in pairwise(watch.commands[50:])]
             assert sorted(gaps)[len(gaps) // 2] == pytest.approx(10_000_000, rel=0.2)
+
+            with process(*pilot(tmp_path), log=tmp_path / "second.log") as second:
+                assert second.wait(20.0) == FAILED
+            assert "a pilot drives" in (tmp_path / "second.log").read_text()
 
             # A fault of the drive shows on the bus.
             request = VirtualRequest(

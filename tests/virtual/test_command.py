@@ -61,6 +61,8 @@ def test_help_teaches(arguments, capsys):
     [
         ["inject", "brake"],
         ["inject"],
+        ["inject", "break", "--for", "-5"],
+        ["heal", "foo"],
         ["--config", "a", "--scenario", "b"],
         ["--seed", "x"],
         ["--tap", "main"],
@@ -72,6 +74,16 @@ def test_wrong_usage_is_refused(arguments, capsys):
         main(arguments)
     assert stop.value.code == USAGE
     assert capsys.readouterr().err
+
+
+def test_a_fault_that_does_not_exist_is_told_with_what_may_be_meant(capsys):
+    for arguments, hint in (
+        (["inject", "brake"], "there is no 'brake'; did you mean break?"),
+        (["heal", "xyz"], "there is no 'xyz'; `wackel virtual kinds` explains all"),
+    ):
+        with pytest.raises(SystemExit):
+            main(arguments)
+        assert hint in capsys.readouterr().err
 
 
 @pytest.mark.process

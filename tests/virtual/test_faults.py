@@ -432,8 +432,8 @@ def test_two_faults_at_one_place_last_until_both_are_healed():
         (Injection(kind="silent", servo=1, value=1.0), "silent takes no value"),
         (Injection(kind="silent", servo=1, start_s=-1.0), "it cannot begin -1 s from now"),
         (Injection(kind="silent", servo=1, duration_s=0.0), "it cannot last 0 s"),
-        (Injection(kind="silent", servo=1, start_s=float("nan")), "start_s = nan"),
-        (Injection(kind="silent", servo=1, duration_s=float("inf")), "duration_s = inf"),
+        (Injection(kind="silent", servo=1, start_s=float("nan")), "it cannot begin nan s from now"),
+        (Injection(kind="silent", servo=1, duration_s=float("inf")), "it cannot last inf s"),
     ],
 )
 def test_a_fault_that_cannot_be_is_refused_with_a_reason(injection, reason):
