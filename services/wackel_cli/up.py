@@ -56,6 +56,8 @@ def main(argv: list[str]) -> int:
     log.set_up("up")
     path = arguments.config or DEFAULT
     config = load(path)
+    if not config.buses:
+        log.logger.warning("%s lists no bus: nothing but faults of others is watched", path)
     if arguments.play is not None:
         open_recordings([arguments.play])  # says what is wrong with it before anything starts
     show = show_json if arguments.json else show_text
