@@ -36,7 +36,9 @@ class WheelConfig(Section, kw_only=True, frozen=True):
         steering_offset: Where the wheel points (rad to the left of forward) when the steering
             servo reads 0.
         heading: Where a wheel that does not steer rolls to, rad to the left of forward.
-        roller: Mecanum: from ``heading`` to the axis of the roller on the floor, ±pi/4 mostly.
+        roller: Mecanum: from ``heading`` to the axis of the roller on the floor, rad to the left.
+            Where the upper rollers form an X seen from above: -0.7854 front left and rear right,
+            0.7854 front right and rear left.
     """
 
     name: Name
@@ -230,7 +232,7 @@ def _place_problem(wheel: WheelConfig) -> str | None:
 
 def _role_problem(kind: DriveKind, wheel: WheelConfig) -> str | None:
     if kind == "mecanum" and not wheel.roller:
-        return ".roller is missing: the angle of the rollers, ±pi/4 mostly"
+        return ".roller is missing: the angle of the rollers, mostly ±0.7854 (pi/4)"
     if kind != "mecanum" and wheel.roller is not None:
         return f".roller: a drive of kind {kind!r} has none"
     if wheel.steering is None and wheel.steering_bus is not None:

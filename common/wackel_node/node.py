@@ -10,6 +10,7 @@ from types import FrameType, TracebackType
 from typing import Literal, Self
 
 from wackel_node.config import RobotConfig
+from wackel_node.errors import Explained
 from wackel_node.garbage import collect_rarely
 from wackel_node.journal import Journal
 from wackel_node.link import Link
@@ -77,7 +78,8 @@ class Node(Link):
         if exc is None or isinstance(exc, KeyboardInterrupt):
             self._enter("stopping")
         else:
-            logger.error("crashed: %s", _reason(exc))  # the interpreter prints the traceback
+            if not isinstance(exc, Explained):  # which the command prints
+                logger.error("crashed: %s", _reason(exc))  # the interpreter prints the traceback
             self._wait_for_a_reader()
             self._enter("crashed", _reason(exc))
         notify("STOPPING=1")

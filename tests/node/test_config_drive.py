@@ -64,7 +64,7 @@ MISTAKES = {
     drive(LEFT, RIGHT, kind="omni"): "drive.wheels: kind 'omni' needs 3 or more, each with drive "
     "and none with steering",
     drive(LEFT, RIGHT, wheel(name="c", drive=3), kind="mecanum"): "drive.wheels[0].roller is "
-    "missing: the angle of the rollers, ±pi/4 mostly",
+    "missing: the angle of the rollers, mostly ±0.7854 (pi/4)",
     drive(
         *(wheel(name=n, x=0.0, y=0.0, drive=i) for i, n in enumerate("abc", 1)), kind="omni"
     ): "drive.wheels: at least one must stand away from the origin",
