@@ -5,6 +5,7 @@ Time is the stamps of the messages, so a recording gives the same as the robot.
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from operator import or_
 
 import numpy as np
@@ -181,7 +182,7 @@ class Diagnoser:
         learning = calm and self._steps_made % LEARN_EVERY == 0
         learnt_s = seconds * LEARN_EVERY if learning else 0.0
         target = self._reference.step(step, learnt_s)
-        loads = self._efforts.loads(seconds, target.speed)
+        loads = partial(self._efforts.loads, seconds, target.speed)
         measured = rows.measure(step, target, self._bias.value, loads)
         variance = measured.base * self._sensors.factors
         variance += measured.fixed
@@ -195,7 +196,9 @@ class Diagnoser:
             sequential.forget()
         self._stands = young and self._one_stands(target, measured)
         driven_s = learnt_s if moving else 0.0
-        efforts = self._efforts.step(seconds, target.speed, driven_s, needed=not calm)
+        efforts = self._efforts.step(
+            seconds, target.speed, measured.turning, driven_s, needed=not calm
+        )
         if learning:
             self._learn(measured, variance, learnt_s, moving)
         currents = self._efforts.currents
@@ -217,8 +220,7 @@ class Diagnoser:
         changed = self._verdicts.step(step, target, evidence, likelihood, currents)
         if self._steps_made % LOOK_EVERY == 0:
             if (rolling := self._efforts.rolling()) is not None:
-                turning = (measured.h[rows.rolls, 2] * measured.followed[2]).tolist()
-                self._idle.step(seconds * LOOK_EVERY, target.speed, turning, rolling)
+                self._idle.step(seconds * LOOK_EVERY, target.speed, measured.turning, rolling)
             self._verdicts.free(map(or_, self._efforts.off, self._idle.found))
         messages: list[Message] = []
         if changed or self._to_examine(step.end):

@@ -26,6 +26,9 @@ LEARNT_S = 5.0
 """Of driving, from which on it is known what is usual."""
 SAME_S = 0.5
 """For so long wheels push each other much the same: the rest of it tells of friction no more."""
+TURNING = 0.5
+"""Share of the mass by which turning the robot may need less than driving it, or more: where wheels
+stand at the rim of a disc, half."""
 OFF_S = 1.5
 """A torque that is off for so long is no transient of switching on: a gateway reads the register of
 each servo once a second, so for a second those that have been read say on and the others off."""
@@ -37,12 +40,15 @@ class Needs(NamedTuple):
     Attributes:
         friction: By speed, A s/m (or share of load instead of A, as all of these).
         mass: By acceleration, A s²/m.
+        turning: The same by that part of it that is for the robot's turning: what that needs more
+            than driving does; mostly less than nothing.
         unsure: Standard deviation of the friction. What wheels push each other at low speed is
             taken for it, until the robot has driven faster.
     """
 
     friction: float
     mass: float
+    turning: float
     unsure: float
 
 
@@ -63,8 +69,9 @@ class Rolling(NamedTuple):
 class Efforts:
     """Follows the motors that roll and steer the wheels.
 
-    What driving itself needs is taken off: a share of speed (friction) and a share of acceleration
-    (mass), both learnt. What is left is what a wheel works against others or against an obstacle.
+    What driving itself needs is taken off: a share of speed (friction) and shares of acceleration
+    (mass, and how much less of it turns), all learnt. What is left is what a wheel works against
+    others or against an obstacle.
 
     Attributes:
         off: Which rolling motors are switched off while others are on.
@@ -90,11 +97,11 @@ class Efforts:
         self.off = [False] * self._rolls
         self._unknown: Floats = np.full(len(joints), np.nan)
         self._usual = [math.nan] * len(joints)
-        self._speed: list[float] | None = None
-        # Normal equations of current = friction × speed + mass × acceleration, for all wheels: the
-        # matrix's upper triangle, and the right side.
-        self._sums = (1e-6, 0.0, 1e-6, 0.0, 0.0)
-        self._needs = Needs(0.0, 0.0, 0.0)
+        self._before: tuple[list[float], list[float]] | None = None  # speeds, and of turning
+        # Normal equations of current = friction × speed + mass × acceleration + turning × that of
+        # turning, for all wheels; the last column is the right side.
+        self._sums: Floats = 1e-6 * np.eye(3, 4)
+        self._needs = Needs(0.0, 0.0, 0.0, 0.0)
         self._learnt_s = 0.0
 
     def bus_state(self, bus: str, state: BusState) -> None:
@@ -118,12 +125,21 @@ class Efforts:
                 self._torque[at] = servo.torque_enabled
                 self._some_off = any(self._torque) and False in self._torque
 
-    def step(self, seconds: float, speeds: list[float], learnt_s: float, *, needed: bool) -> Floats:
+    def step(
+        self,
+        seconds: float,
+        speeds: list[float],
+        turning: list[float],
+        learnt_s: float,
+        *,
+        needed: bool,
+    ) -> Floats:
         """A step has passed.
 
         Args:
             seconds: Its length.
             speeds: What each roll row should have rolled at, m/s.
+            turning: How much of that was for the robot's turning, m/s.
             learnt_s: For how much driving without a fault it stands; 0: nothing can be learnt.
             needed: Whether the result is.
 
@@ -133,18 +149,16 @@ class Efforts:
         """
         if self._some_off or any(self._off_s):
             self._watch_torque(seconds)
-        before, self._speed = self._speed, speeds
+        before = self._before
         if not (needed or learnt_s) or before is None:
+            self._before = speeds, turning
             return self._unknown
-        # Single numbers: for some motors, Python is faster with them than numpy.
-        hastens = [(now - then) / seconds for now, then in zip(speeds, before, strict=True)]
-        friction, mass, _ = self._needs
         beyond = self._current.copy()
-        if math.isfinite(sum(speeds) + sum(hastens)):
-            if learnt_s and math.isfinite(sum(beyond[: self._rolls])):
-                self._learn(speeds, hastens, learnt_s)
-            for i, (now, hasten) in enumerate(zip(speeds, hastens, strict=True)):
-                beyond[i] -= friction * now + mass * hasten
+        if learnt_s:
+            self._learn(seconds, speeds, turning, learnt_s)
+        if math.isfinite(sum(speeds) + sum(before[0])):
+            beyond[: self._rolls] = self._pushes(seconds, speeds, turning)
+        self._before = speeds, turning
         squares = [amperes * amperes for amperes in beyond]
         if learnt_s:
             self._learnt_s = min(self._learnt_s + learnt_s, LONG_S)
@@ -162,48 +176,60 @@ class Efforts:
             ]
         )
 
-    def _learn(self, speeds: list[float], hastens: list[float], learnt_s: float) -> None:
+    def _learn(
+        self, seconds: float, speeds: list[float], turning: list[float], learnt_s: float
+    ) -> None:
         """What driving needs, from a moment in which nothing is wrong."""
-        fade = 1.0 - learnt_s / LONG_S
-        a, b, c, r, s = [fade * each for each in self._sums]
-        for now, hasten, amperes in zip(speeds, hastens, self._current, strict=False):
-            a += now * now
-            b += now * hasten
-            c += hasten * hasten
-            r += now * amperes
-            s += hasten * amperes
-        self._sums = a, b, c, r, s
-        determinant = a * c - b * b
-        if determinant > 0.0:
-            pushed = sum(self._usual[: self._rolls]) / self._rolls
-            variance = pushed * c / determinant * max(SAME_S / learnt_s, 1.0)
-            self._needs = Needs(
-                (c * r - b * s) / determinant, (a * s - b * r) / determinant, math.sqrt(variance)
-            )
+        before, turned = self._before or (speeds, turning)
+        seen = np.array((speeds, before, turning, turned, self._current[: self._rolls]))
+        seen[1:3] = (seen[0] - seen[1]) / seconds, (seen[2] - seen[3]) / seconds
+        seen[3] = seen[4]
+        told = seen[:3] @ seen[:4].T
+        if not math.isfinite(float(told.sum())):
+            return
+        sums, mass = self._sums, self._needs.mass
+        sums *= 1.0 - learnt_s / LONG_S
+        sums += told
+        # The first time, it is not known yet: NaN, which is no greater.
+        pushed = max(LEAST**2, sum(self._usual[: self._rolls]) / self._rolls)
+        known = sums[:, :3].copy()
+        # Until the robot has turned and driven, it is a guess that both need alike.
+        known[2, 2] += pushed / max((TURNING * mass) ** 2, 1e-12)
+        covariance = np.linalg.inv(known)
+        friction, mass, turning_more = (covariance @ sums[:, 3]).tolist()
+        unsure = math.sqrt(pushed * float(covariance[0, 0]) * max(SAME_S / learnt_s, 1.0))
+        self._needs = Needs(friction, mass, turning_more, unsure)
 
     @property
     def currents(self) -> list[float]:
         """Of the rolling motors, as last read, A or share of load; NaN if unknown."""
         return self._current[: self._rolls]
 
-    def loads(self, seconds: float, speeds: list[float]) -> list[float]:
+    def loads(self, seconds: float, speeds: list[float], turning: list[float]) -> list[float]:
         """What each rolling motor pushes beyond what driving needs; 0 if unknown.
 
         Args:
             seconds: Since the last step.
             speeds: At which each should roll, m/s.
+            turning: How much of that is for the robot's turning, m/s.
         """
-        friction, mass, _ = self._needs
-        mass /= seconds
-        loads = [
-            amperes - friction * now - mass * (now - then)
-            for amperes, now, then in zip(
-                self._current, speeds, self._speed or speeds, strict=False
-            )
-        ]
+        loads = self._pushes(seconds, speeds, turning)
         if math.isfinite(sum(loads)):
             return loads
         return [load if math.isfinite(load) else 0.0 for load in loads]
+
+    def _pushes(self, seconds: float, speeds: list[float], turning: list[float]) -> list[float]:
+        """As :meth:`loads`; NaN if unknown."""
+        # Single numbers: for some motors, Python is faster with them than numpy.
+        friction, mass, more, _ = self._needs
+        mass, more = mass / seconds, more / seconds
+        before, turned = self._before or (speeds, turning)
+        return [
+            amperes - friction * now - mass * (now - then) - more * (turns - did)
+            for amperes, now, then, turns, did in zip(
+                self._current, speeds, before, turning, turned, strict=False
+            )
+        ]
 
     def rolling(self) -> Rolling | None:
         """The rolling motors now; ``None`` until it is known what is usual."""

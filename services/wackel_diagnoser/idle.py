@@ -25,10 +25,6 @@ pushes is not idle."""
 WORKS = 9.0
 """How many times the noise, as squares, motors must need for it to be told that one does not: three
 standard deviations, usually or to accelerate now. On even ground at an even speed they do not."""
-TURNING = 0.5
-"""Share of its mass by which a robot's turning may need less than its driving: all of it is learnt
-as one, and a disc with wheels at its rim needs half as much. Where both are asked of a wheel
-against each other, it may have nothing to do."""
 LONG_S = 20.0
 BURST = 9.0
 """What is usual is followed over so long; what is more than so many times that counts as so much,
@@ -74,9 +70,11 @@ class IdleMotors:
         # Single numbers: for some motors, Python is faster with them than numpy.
         current, needs, usual = rolling
         frictions = [needs.friction * now for now in speeds]
-        mass = needs.mass / seconds
-        inertias = [mass * (now - then) for now, then in zip(speeds, before[0], strict=True)]
-        turns = [mass * (now - then) for now, then in zip(turning, before[1], strict=True)]
+        mass, more = needs.mass / seconds, needs.turning / seconds
+        inertias = [
+            mass * (now - then) + more * (turns - did)
+            for now, then, turns, did in zip(speeds, before[0], turning, before[1], strict=True)
+        ]
         alone = [a - friction for a, friction in zip(current, frictions, strict=True)]
         rest = [a - inertia for a, inertia in zip(alone, inertias, strict=True)]
         means = self._usual or usual
@@ -96,8 +94,8 @@ class IdleMotors:
             idle = NOISE**2 + sways * square
             told = _told(alone[i], rest[i], idle, works)
             if told > 0.0:
-                # Friction or inertia that is known badly may look like idling, but excuses nothing.
-                doubt = unsure * square + (TURNING * turns[i]) ** 2
+                # Friction that is known badly may look like idling, but excuses nothing.
+                doubt = unsure * square
                 told = min(told, _told(alone[i], rest[i], idle + doubt, works))
                 # At an even speed wheels push each other as they did before: nothing new.
                 noise, inertia = NOISE**2 + doubt, inertias[i] * inertias[i]

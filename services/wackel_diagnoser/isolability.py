@@ -95,7 +95,7 @@ class Isolability:
         rows = Rows(self._layout, self._config, self._gyros)
         rows.calibrate(rows.configured)  # as driving will have shown
         for _ in range(2):  # the fault lasts: nothing has just jumped
-            measured = rows.measure(step, target, bias, unloaded)
+            measured = rows.measure(step, target, bias, lambda _: unloaded)
         variance = measured.base + measured.fixed + measured.loose
         likelihood = self._bank.evaluate(measured.z, measured.h, variance, measured.size)
         hypotheses = self._hypotheses

@@ -8,7 +8,7 @@ calibration: it is constant, so that hours of one motion say nothing of the next
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from operator import add, sub
 from typing import NamedTuple
@@ -92,6 +92,7 @@ class Measured(NamedTuple):
         present: Which rows are there.
         followed: Twist by which references follow the commanded one, m/s and rad/s, shape (3,);
             NaN if they are not known.
+        turning: How much of each roll row's reference is for the robot's turning, m/s.
     """
 
     z: Floats
@@ -105,6 +106,7 @@ class Measured(NamedTuple):
     creep: float
     present: Bools
     followed: Floats
+    turning: list[float]
 
 
 class Rows:
@@ -239,14 +241,21 @@ class Rows:
         turns = self._causes[3 * self.count :, -1]
         turns[self.gyros] = (YAWING / self._drive.length_m) ** 2 * mean
 
-    def measure(self, step: Step, target: Target, bias: Floats, loads: Iterable[float]) -> Measured:
+    def measure(
+        self,
+        step: Step,
+        target: Target,
+        bias: Floats,
+        loads: Callable[[list[float]], Iterable[float]],
+    ) -> Measured:
         """The rows of a step.
 
         Args:
             step: What the sensors said.
             target: What the wheels should have done.
             bias: Of each gyro, rad/s.
-            loads: What each rolling motor pushes, A or share of load; 0 if unknown.
+            loads: What each rolling motor pushes, A or share of load, 0 if unknown; by how much of
+                its reference is for the robot's turning, m/s.
         """
         drive, dt, steered = self._drive, step.seconds, self._steered
         # Single numbers: for some wheels, Python is faster with them than numpy.
@@ -272,13 +281,14 @@ class Rows:
             rows = drive.known_rows(stands, aimed) if whole else _any_rows(drive, stands, aimed)
             forced, mean, made = self._tyres.slip(rows[1], speeds)
             off, present = [heading[i] - told[i] for i in steered], self.every
-            yielded = [-self.gives_way * load for load in loads]
+            turning_rolls = (rows[1][self.rolls, 2] * made[2]).tolist()
+            yielded = [-self.gives_way * load for load in loads(turning_rolls)]
             missed = [*map(sub, map(sub, rolled, speeds), yielded)]
         else:
             rows = drive.known_rows(stands) if whole else _any_rows(drive, stands)
             forced, mean, made = self._untold_slip(rows[0], stands, rolled, dt)
             off, present = self._no_steering, self._untold
-            missed = speeds = yielded = self._no_rolls
+            missed = speeds = yielded = turning_rolls = self._no_rolls
         h = self._h.copy()
         h[: self._constraints] = rows[0]
         z = [*self._no_slides, *rolled, *turning, *off, *missed]
@@ -296,9 +306,11 @@ class Rows:
             if self._slide_rolls
             else [speed] * len(self._no_slides)
         )
-        lagging = self._no_slides
-        if len(lag) == len(sliding):
-            lagging = [each * late for each, late in zip(sliding, lag, strict=True)]
+        lagging = (
+            [each * late for each, late in zip(sliding, lag, strict=True)]
+            if len(lag) == len(sliding)
+            else self._no_slides
+        )
         creep = self._tyres.creep(rows[-1], made, mean, speed, dt)
         mean += creep
         followed = made if target.known else _NO_TWIST
@@ -355,6 +367,7 @@ class Rows:
             creep,
             present,
             followed,
+            turning_rolls,
         )
 
     def _untold_slip(

@@ -13,7 +13,7 @@ from wackel_diagnoser.idle import IdleMotors
 from wackel_kinematics.array import Floats
 from wackel_schemas.fault import FaultReport
 
-NEEDS = Needs(friction=0.15, mass=0.05, unsure=0.0)
+NEEDS = Needs(friction=0.15, mass=0.05, turning=-0.025, unsure=0.0)
 USUAL = [0.1**2] * 4
 LOOK_S = 0.04
 STRAIGHT = [0.0] * 4
@@ -72,16 +72,16 @@ def hasten(motors: IdleMotors, needs: Needs) -> None:
 
 def test_friction_that_was_learnt_at_low_speed_makes_no_motor_idle() -> None:
     motors = IdleMotors(4, 1 / LOOK_S)
-    hasten(motors, Needs(NEEDS.friction + 0.05, NEEDS.mass, unsure=0.0))
+    hasten(motors, NEEDS._replace(friction=NEEDS.friction + 0.05))
     assert any(motors.found), "who is sure of it must think so"
     motors = IdleMotors(4, 1 / LOOK_S)
-    hasten(motors, Needs(NEEDS.friction + 0.05, NEEDS.mass, unsure=0.05))
+    hasten(motors, NEEDS._replace(friction=NEEDS.friction + 0.05, unsure=0.05))
     assert not any(motors.found)
 
 
 def test_friction_that_is_hardly_known_excuses_no_motor_that_works() -> None:
     motors = IdleMotors(4, 1 / LOOK_S)
-    look(motors, 600.0, idle=None, needs=Needs(NEEDS.friction, NEEDS.mass, unsure=0.05))
+    look(motors, 600.0, idle=None, needs=NEEDS._replace(unsure=0.05))
     assert not any(motors.found)
 
 

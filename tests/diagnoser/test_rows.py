@@ -47,7 +47,7 @@ class Moving:
         step = Step(begin, self._end, heading, steered, rate, np.array([yaw]))
         target = self.reference.step(step, 0.0)
         loads = [load, *[0.0] * (len(drive.roll_wheels) - 1)]
-        measured = self.rows.measure(step, target, np.zeros(1), loads)
+        measured = self.rows.measure(step, target, np.zeros(1), lambda _: loads)
         return Shown(step, target, measured, np.zeros(1), [math.nan] * len(drive.roll_wheels))
 
 
@@ -136,7 +136,7 @@ def test_the_robot_goes_on_as_it_did_long_after_wheels_point_elsewhere() -> None
         rate = 1.5 / moving.layout.drive.roll_radius
         step = Step(begin, end, np.full(3, angle), np.zeros(3), rate, np.zeros(1))
         told = target._replace(heading=np.full(3, angle), turned=np.zeros(3))
-        skids.append(moving.rows.measure(step, told, np.zeros(1), [0.0] * 3).creep)
+        skids.append(moving.rows.measure(step, told, np.zeros(1), lambda _: [0.0] * 3).creep)
     turned = 30 + 10
     assert skids[29] < 0.001
     assert 2.0 * 1.5 * math.sin(0.5) - 6.5 * 0.1 < skids[turned] < 1.1

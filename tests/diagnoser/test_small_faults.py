@@ -64,7 +64,7 @@ class Driven:
         step = Step(
             begin, self._now, heading + self.off, zeros, rates * self.scale, np.array([yaw])
         )
-        measured = self.rows.measure(step, target, np.zeros(1), [0.0] * len(speed))
+        measured = self.rows.measure(step, target, np.zeros(1), lambda _: [0.0] * len(speed))
         return Shown(step, target, measured, np.zeros(1), [CURRENT_A] * len(speed))
 
     def drive(self, seconds: float, speed: float = 1.0) -> Iterator[Shown]:

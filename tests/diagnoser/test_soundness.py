@@ -40,7 +40,7 @@ class Named:
             nothing = np.zeros(self._rows.count)
             h = np.zeros((self._rows.count, 3))
             measured = Measured(
-                z, h, *(nothing,) * 4, [], speed, 0.0, self._rows.every, np.zeros(3)
+                z, h, *(nothing,) * 4, [], speed, 0.0, self._rows.every, np.zeros(3), []
             )
             variance = np.full(self._rows.count, SIGMA**2)
             self._soundness.step(self._step(), self._target(speed), measured, variance, evidence)
