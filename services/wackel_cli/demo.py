@@ -171,6 +171,8 @@ def main(argv: list[str]) -> int:
             words = (Path(directory) / "services.log").read_text(encoding="utf-8").splitlines()
             print("the demo did not begin; the last words of its services:", file=sys.stderr)
             print(*words[-_LAST_WORDS:], sep="\n", file=sys.stderr)
+        elif show.shown:
+            print(f"{show.shown - show.missed} of {show.shown} faults were named in time")
     return FAILED if show.missed or not show.began else OK
 
 
@@ -180,7 +182,8 @@ class Show:
     Attributes:
         model: What the robot's topics say.
         story: What has happened so far, a line each, newest last.
-        missed: Faults that were not named within their time.
+        shown, missed: Faults that were injected and healed; of them, those that were not named
+            within their time.
         began: There was health, or the user did not wait for it.
         over: All the faults that were asked for have been shown, or the robot did not come up.
     """
@@ -189,7 +192,7 @@ class Show:
         self.model = RobotModel(config)
         self.link = link
         self.story: list[str] = []
-        self.missed = 0
+        self.shown = self.missed = 0
         self.over = False
         self.began = True
         self._left = faults
@@ -266,6 +269,7 @@ class Show:
                 return
 
     def _heal(self, episode: Episode) -> None:
+        self.shown += 1
         if not self._named:
             self.missed += 1
             self.tell("wackel has not named it in time")
