@@ -103,8 +103,9 @@ class Constants:
             slice(self.stands.start, self.count),
         )
         self.kinds = [kind for kind in kinds if len(range(self.count)[kind])]
-        # Of wheels that cannot turn against each other, scales and directions say all.
-        fights = UNKNOWN if drive.steers.any() else SOUND
+        # Of wheels that cannot turn against each other, scales and directions say all; but not
+        # where rollers leave no row that a direction would show in.
+        fights = UNKNOWN if drive.steers.any() or not slides else SOUND
         # Least squares of all rows, half of whose levers are across any direction.
         both = math.hypot(config.steering_error, config.radius_error) / math.sqrt(2)
         scale = max((gyro.scale_error for gyro in gyros.values()), default=0.0)

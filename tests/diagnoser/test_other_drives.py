@@ -67,3 +67,10 @@ def test_beside_a_free_wheel_of_three_or_four_with_rollers_no_other_can_be_told(
     robot.inject("wheel_loose", "w1")
     robot.drive(5.0)
     assert robot.active() == [("wheel_free", "wheel/w1/drive")]
+
+
+def test_wheels_with_rollers_that_are_mounted_askew_are_no_fault_of_the_gyro() -> None:
+    """They turn the robot in each direction otherwise, and no row shows their own."""
+    rig = Rig.of("judge30/other/mecanum/4", other_drives()["mecanum"], driving="lines")
+    rig.drive(80.0)
+    assert rig.reports == []
