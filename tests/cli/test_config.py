@@ -9,6 +9,8 @@ import pytest
 from wackel_cli.config import main
 from wackel_node.config import RobotConfig, dump, parse
 
+EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+ROBOTS = ["two-wheels", "mecanum", "steered-wheels"]
 TEXT = '[buses.main]\nport = "/dev/ttyUSB0"\nservos = [{id = 3}]\n'
 
 
@@ -18,6 +20,16 @@ def test_the_defaults_alone_are_a_file_to_start_from(
     monkeypatch.chdir(tmp_path)
     assert main([]) == 0
     assert parse(capsys.readouterr().out) == RobotConfig()
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_robots_to_copy_from_are_right(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([str(EXAMPLES / f"{name}.toml")]) == 0
+    config = parse(capsys.readouterr().out)
+    assert config.robot == name
+    assert config.drive is not None
+    listed = {(bus, servo.id) for bus in config.buses for servo in config.buses[bus].servos}
+    assert {servo for wheel in config.drive.wheels for servo in wheel.servos()} == listed
 
 
 def test_the_robot_of_this_directory_is_meant(
