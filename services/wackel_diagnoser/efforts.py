@@ -26,6 +26,8 @@ LEARNT_S = 5.0
 """Of driving, from which on it is known what is usual."""
 SAME_S = 0.5
 """For so long wheels push each other much the same: the rest of it tells of friction no more."""
+UNKNOWN = 1e-6
+"""Information of who has never driven; who goes on evenly forgets what hastening needs."""
 TURNING = 0.5
 """Share of the mass by which turning the robot may need less than driving it, or more: where wheels
 stand at the rim of a disc, half."""
@@ -100,7 +102,7 @@ class Efforts:
         self._before: tuple[list[float], list[float]] | None = None  # speeds, and of turning
         # Normal equations of current = friction × speed + mass × acceleration + turning × that of
         # turning, for all wheels; the last column is the right side.
-        self._sums: Floats = 1e-6 * np.eye(3, 4)
+        self._sums: Floats = np.zeros((3, 4))
         self._needs = Needs(0.0, 0.0, 0.0, 0.0)
         self._learnt_s = 0.0
 
@@ -192,9 +194,9 @@ class Efforts:
         sums += told
         # The first time, it is not known yet: NaN, which is no greater.
         pushed = max(LEAST**2, sum(self._usual[: self._rolls]) / self._rolls)
-        known = sums[:, :3].copy()
         # Until the robot has turned and driven, it is a guess that both need alike.
-        known[2, 2] += pushed / max((TURNING * mass) ** 2, 1e-12)
+        alike = pushed / max((TURNING * mass) ** 2, 1e-12)
+        known = sums[:, :3] + np.diag((UNKNOWN, UNKNOWN, alike))
         covariance = np.linalg.inv(known)
         friction, mass, turning_more = (covariance @ sums[:, 3]).tolist()
         unsure = math.sqrt(pushed * float(covariance[0, 0]) * max(SAME_S / learnt_s, 1.0))

@@ -58,9 +58,8 @@ convicts."""
 CLEAR = 5.0
 """Logarithm of how much likelier it is than an error of any other wheel."""
 SUSPECTED = 6.0
-"""The same against none at all, from which on nothing is learnt, and every block is looked at."""
-LOOK_S = 0.4
-"""Else how often: motions last for seconds."""
+"""The same against none at all, from which on nothing is learnt, and every block is looked at; else
+every second."""
 FIRST_S = 5.0
 """Of driving, in which only is learnt how much the motion misses what is predicted."""
 MEMORY_S = 20.0
@@ -124,7 +123,7 @@ class ReferenceErrors:
         self._directions[:, 2] *= layout.drive.length_m
         self._limit = MARGIN * threshold(n * len(SIZES), 1 / BLOCK_S)
         self._steps: list[tuple[Step, Target, Measured, list[float]]] = []
-        self._seconds = self._unseen_s = self._driven_s = 0.0
+        self._seconds = self._skipped_s = self._driven_s = 0.0
         self.found: WrongZero | None = None
 
     @property
@@ -160,10 +159,10 @@ class ReferenceErrors:
             return False
         block, seconds = self._steps, self._seconds
         self._steps, self._seconds = [], 0.0
-        self._unseen_s += seconds
-        if self._unseen_s < LOOK_S and self.found is None and not self.suspected:
+        if not self._skipped_s and self.found is None and not self.suspected:
+            self._skipped_s = seconds
             return False
-        stands_for, self._unseen_s = self._unseen_s, 0.0
+        stands_for, self._skipped_s = seconds + self._skipped_s, 0.0
         if not self._compare(block, seconds, stands_for):
             return False
         before, self.found = self.found, self._look()

@@ -54,6 +54,16 @@ def test_what_turning_needs_is_not_guessed_by_who_goes_straight() -> None:
     assert rolling.needs[:3] == pytest.approx((TRUE.friction, TRUE.mass, 0.0), rel=0.1, abs=1e-6)
 
 
+def test_who_drives_evenly_for_hours_goes_on() -> None:
+    """And forgets what it needed to get there."""
+    efforts = driven(20.0, turns=True)
+    for _ in range(20_000):
+        efforts.step(STEP_S, [0.3, 0.3], [0.0, 0.0], 1.0, needed=False)
+    rolling = efforts.rolling()
+    assert rolling is not None
+    assert all(map(math.isfinite, rolling.needs))
+
+
 def test_a_current_that_is_not_known_teaches_nothing() -> None:
     efforts = driven(20.0, turns=True)
     before = efforts.rolling()
