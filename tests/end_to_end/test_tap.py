@@ -39,10 +39,12 @@ def test_a_tap_decodes_the_masters_traffic_and_the_classifier_names_a_break(
             def control_until(condition: Callable[[], bool]) -> None:
                 wait_until(condition, LIMIT_S, lambda: controlling(robot, control))
 
-            control_until(lambda: robot.status("gateway/main") == "ready" and bool(states))
+            control_until(lambda: robot.status("gateway/main") == "ready" and bool(transactions))
             assert {told.purpose for told in transactions} == {"observed"}
             control_until(lambda: whole(transactions[-1]))
-            control_until(lambda: [servo.id for servo in states[-1].servos] == list(IDS))
+            control_until(
+                lambda: bool(states) and [servo.id for servo in states[-1].servos] == list(IDS)
+            )
             robot.inject("break", 4)
             control_until(lambda: robot.confirmed("cable_break", "bus/main/cable/3-4"))
             robot.heal()
