@@ -149,7 +149,10 @@ class Drive:
             Shape (len(headings), R, 3).
         """
         # For some wheels, Python is faster with single numbers than numpy.
-        both = [turn(angle) for each in headings for turn in (math.cos, math.sin) for angle in each]
+        both: list[float] = []
+        for each in headings:
+            both += map(math.cos, each)
+            both += map(math.sin, each)
         rows: Floats = np.array(both).reshape(len(headings), -1).dot(self._by_both)
         return rows.reshape(len(headings), -1, 3)
 

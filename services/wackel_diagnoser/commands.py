@@ -40,15 +40,14 @@ class CommandWatch:
     def __init__(self, layout: Layout) -> None:
         drive = layout.drive
         self._names = layout.names
-        self._places = drive.xy.tolist()
-        self._steers = drive.steers.tolist()
+        self._steered = [(i, x, y) for i, (x, y) in enumerate(drive.xy.tolist()) if drive.steers[i]]
         slides = drive.slide_wheels.tolist()
         rows = drive.rows(drive.steering(drive.heading(drive.beta(drive.alpha * 0.0))))
         self._fixed = [
             (i, rows[row].tolist()) for row, i in enumerate(slides) if not drive.steers[i]
         ]
         self._length_m = drive.length_m
-        self._directions: list[float | None] = [None] * drive.n
+        self._directions = [math.nan] * drive.n
         self._singular: tuple[str, float] | None = None
         self._stamp = 0
 
@@ -67,25 +66,23 @@ class CommandWatch:
                     self._names[i],
                 )
         singular = found = None
-        for i, (x, y) in enumerate(self._places):
-            if not self._steers[i]:
-                continue
+        slow, directions = AT_CONTACT * size if size > MOVING_M_S else 0.0, self._directions
+        for i, x, y in self._steered:
             ux, uy = vx - omega * y, vy + omega * x
             speed = math.hypot(ux, uy)
-            if size > MOVING_M_S and STANDSTILL_M_S < speed < AT_CONTACT * size:
+            if STANDSTILL_M_S < speed < slow:
                 singular = self._names[i]
-            direction = math.atan2(uy, ux) if speed > MOVING_M_S else None
-            before, self._directions[i] = self._directions[i], direction
-            if direction is not None and before is not None:
-                turn = direction - before
+            direction = math.atan2(uy, ux) if speed > MOVING_M_S else math.nan
+            turn, directions[i] = abs(direction - directions[i]), direction
+            if turn > AT_ONCE_RAD:  # not so if either is not known
                 turn = abs(turn - math.pi * round(turn / math.pi))
-                if turn > AT_ONCE_RAD:
-                    found = Complaint(
-                        "command_infeasible",
-                        f"wheel {self._names[i]} would have to turn by {math.degrees(turn):.0f}° "
-                        f"at once while it rolls at {speed:.2f} m/s",
-                        self._names[i],
-                    )
+            if turn > AT_ONCE_RAD:
+                found = Complaint(
+                    "command_infeasible",
+                    f"wheel {self._names[i]} would have to turn by {math.degrees(turn):.0f}° "
+                    f"at once while it rolls at {speed:.2f} m/s",
+                    self._names[i],
+                )
         if found is not None:
             return found
         if singular is None:

@@ -127,16 +127,18 @@ class DriveLags:
         self._waiting.clear()
         # All of one shape: numpy takes four times as long to repeat one for several.
         shape = (len(seconds), *self._state.shape)
-        each = np.empty((3, *shape))
+        each = np.empty((4, *shape))
         each[0] = goals[..., None]
         each[1] = np.expm1(-seconds[:, None] / LAGS_S)[:, None]
-        np.multiply(most[:, None, None], self._turns, out=each[2])
-        for goal, share, limit in each.swapaxes(0, 1):
-            moved = self._state - goal
+        np.multiply(most[:, None, None], self._turns, out=each[3])
+        np.negative(each[3], out=each[2])
+        state = self._state
+        for goal, share, least, limit in zip(*each, strict=True):
+            moved = state - goal
             moved *= share
             np.minimum(moved, limit, out=moved)
-            np.maximum(moved, -limit, out=moved)
-            self._state += moved
+            np.maximum(moved, least, out=moved)
+            state += moved
         middle = goal - LAGS_S / seconds[-1] * moved
         # One that turns as fast as it can is half way in the middle of a step.
         np.copyto(middle, self._state - 0.5 * moved, where=np.abs(moved) >= limit)

@@ -111,21 +111,24 @@ class Efforts:
         places = self._by_bus.get(bus)
         if places is None:
             return
+        stamp, current, read, torque = state.stamp, self._current, self._read, self._torque
         for servo in state.servos:
             place = places.get(servo.id)
             if place is None:
                 continue
             at, sign = place
-            effort = servo.current if servo.current is not None else servo.load
+            effort = servo.current
+            if effort is None:
+                effort = servo.load
             # What is read now and then, as temperatures are, says nothing of it.
             if effort is not None or servo.position is not None or servo.velocity is not None:
-                if effort is None or not -MOST < effort < MOST:
-                    effort = math.nan
-                self._current[at] = sign * effort
-                self._read[at] = self._newest = state.stamp
-            if servo.torque_enabled is not None and at < len(self._torque):
-                self._torque[at] = servo.torque_enabled
-                self._some_off = any(self._torque) and False in self._torque
+                known = effort is not None and -MOST < effort < MOST
+                current[at] = sign * effort if known else math.nan
+                read[at] = self._newest = stamp
+            on = servo.torque_enabled
+            if on is not None and at < len(torque) and on is not torque[at]:
+                torque[at] = on
+                self._some_off = any(torque) and False in torque
 
     def step(
         self,

@@ -75,11 +75,8 @@ class Reference:
     def __init__(self, layout: Layout, config: DriveConfig) -> None:
         drive = layout.drive
         self._n = n = drive.n
-        self._places = [
-            (*place, bool(steers))
-            for place, steers in zip(drive.xy.tolist(), drive.steers, strict=True)
-        ]
         self._steered: list[int] = np.flatnonzero(drive.steers).tolist()
+        self._places = [(i, *drive.xy[i].tolist()) for i in self._steered]
         self._rolls: list[int] = drive.roll_wheels.tolist()
         self._radius: list[float] = drive.roll_radius.tolist()
         # Roll rows of wheels that do not steer.
@@ -221,16 +218,15 @@ class Reference:
     def _aim(self) -> None:
         """Inverse kinematics: each wheel turns to the nearer of the two directions."""
         headings, speeds, (vx, vy, omega) = self._heading, self._speed, self._twist
-        for i, (x, y, steers) in enumerate(self._places):
-            if not steers:
-                continue
+        pi, hypot, atan2 = math.pi, math.hypot, math.atan2
+        for i, x, y in self._places:
             ux, uy = vx - omega * y, vy + omega * x
             heading = headings[i]
-            speed = math.hypot(ux, uy)
+            speed = hypot(ux, uy)
             if speed >= STANDSTILL_M_S:
-                turn = math.atan2(uy, ux) - heading
-                halves = round(turn / math.pi)
-                headings[i] = heading + turn - math.pi * halves
+                turn = atan2(uy, ux) - heading
+                halves = round(turn / pi)
+                headings[i] = heading + turn - pi * halves
                 speeds[i] = -speed if halves % 2 else speed
             else:
                 speeds[i] = ux * math.cos(heading) + uy * math.sin(heading)

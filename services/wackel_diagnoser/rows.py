@@ -10,7 +10,7 @@ calibration: it is constant, so that hours of one motion say nothing of the next
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
-from operator import add, sub
+from operator import add, mul, sub
 from typing import NamedTuple
 
 import numpy as np
@@ -267,9 +267,7 @@ class Rows:
         lag = [abs(turns[i]) * (STEERING_LAG_S / dt) for i in steered]
         rates = step.wheel_rate.tolist()
         rolled = [rates[i] * radius for i, radius in self._radius_of]
-        turning = [
-            rate - off for rate, off in zip(step.gyro_rate.tolist(), bias.tolist(), strict=True)
-        ]
+        turning = [*map(sub, step.gyro_rate.tolist(), bias.tolist())]
         # One sum tells whether anything is missing, which is rare.
         whole = math.isfinite(sum(stands) + sum(lag) + sum(rolled) + sum(turning))
         if target.known:
@@ -281,7 +279,8 @@ class Rows:
             rows = drive.known_rows(stands, aimed) if whole else _any_rows(drive, stands, aimed)
             forced, mean, made = self._tyres.slip(rows[1], speeds)
             off, present = [heading[i] - told[i] for i in steered], self.every
-            turning_rolls = (rows[1][self.rolls, 2] * made[2]).tolist()
+            omega = made.item(2)
+            turning_rolls = [lever * omega for lever in rows[1][self.rolls, 2].tolist()]
             yielded = [-self.gives_way * load for load in loads(turning_rolls)]
             missed = [*map(sub, map(sub, rolled, speeds), yielded)]
         else:
@@ -298,7 +297,7 @@ class Rows:
             z = np.where(present, z, 0.0).tolist()
             rolled, turning = z[self.rolls], z[self.gyros]
             lag = [each if math.isfinite(each) else 0.0 for each in lag]
-        shown = [max(abs(is_), abs(should)) for is_, should in zip(rolled, speeds, strict=True)]
+        shown = [*map(max, map(abs, rolled), map(abs, speeds))]
         speed = max(shown, default=0.0)
         # Along the slide rows a wheel's own speed; the robot's where it does not roll by itself.
         sliding = (
@@ -306,11 +305,7 @@ class Rows:
             if self._slide_rolls
             else [speed] * len(self._no_slides)
         )
-        lagging = (
-            [each * late for each, late in zip(sliding, lag, strict=True)]
-            if len(lag) == len(sliding)
-            else self._no_slides
-        )
+        lagging = [*map(mul, sliding, lag)] if len(lag) == len(sliding) else self._no_slides
         creep = self._tyres.creep(rows[-1], made, mean, speed, dt)
         mean += creep
         followed = made if target.known else _NO_TWIST

@@ -36,6 +36,7 @@ class Tyres:
     def __init__(self, drive: Drive) -> None:
         self.late_yaw = 0.0
         self._n, self._length_m = drive.n, drive.length_m
+        self._root = math.sqrt(len(drive.row_wheels))
         self._first_roll = drive.slide_count
         straight = drive.rows(drive.steering(np.zeros(drive.n)))
         # By how much the force of each row's wheel is larger than the row's.
@@ -63,7 +64,7 @@ class Tyres:
         slip: list[float] = rows.dot(twist).tolist()
         for row, speed in enumerate(speeds, start=self._first_roll):
             slip[row] -= speed
-        mean = math.sqrt(sum([each * each for each in slip]) / len(slip))
+        mean = math.hypot(*slip) / self._root
         return [FORCED * abs(each) for each in slip], mean, twist
 
     def creep(
