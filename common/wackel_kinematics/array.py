@@ -24,7 +24,8 @@ def cross(a: Floats, b: Floats) -> Floats:
 
 def dot(a: Floats, b: Floats) -> Floats:
     """Scalar product over the last axis."""
-    return np.asarray(np.vecdot(a, b), dtype=np.float64)
+    product: Floats = np.vecdot(a, b)
+    return product
 
 
 def require_finite(values: Floats, name: str) -> None:
