@@ -95,7 +95,8 @@ class Candidates:
         entries = rows.reshape(*rows.shape[:-2], 3 * rows.shape[-2])
         products = entries.take(self._of_k, axis=-1)
         products *= entries.take(self._of_l, axis=-1)
-        return np.asarray(products[..., 0, :, :] - products[..., 1, :, :])
+        lines: Floats = products[..., 0, :, :] - products[..., 1, :, :]
+        return lines
 
     def levers(self, rows: Floats) -> Floats:
         """det [c_k; c_l; j_w] = j_w · Σ: distance of the contact of w to the other wheel's axle.
@@ -131,11 +132,12 @@ class Candidates:
         """
         unit = self.drive.scaled_unit(rows)
         lines = self.lines(unit)
-        length = np.sqrt(dot(lines, lines))
-        rolling = np.abs(dot(unit.take(self._roll, axis=-2), lines))
-        # Asked this way round, what is not a number is singular too.
-        distinct = length >= COINCIDENT
-        return Singularities(distinct & ~(rolling >= AT_CONTACT * length), ~distinct)
+        length = dot(lines, lines)
+        rolling = dot(unit.take(self._roll, axis=-2), lines)
+        rolling *= rolling
+        # All squared. Asked this way round, what is not a number is singular too.
+        distinct = length >= COINCIDENT**2
+        return Singularities(distinct & (rolling < AT_CONTACT**2 * length), ~distinct)
 
     def sensitivities(self, rows: Floats) -> Floats:
         """Inverse of [c_k; c_l; j_w]: how errors of the three rows turn into errors of the twist.
@@ -172,9 +174,9 @@ class Candidates:
         return np.abs(self._over(np.sqrt(dot(lines, lines)), self.levers(rows)))
 
     def _over(self, numerator: Floats, lever: Floats) -> Floats:
-        """Quotient, NaN where the lever vanishes beside the drive's size."""
-        known = np.abs(lever) > _DEPENDENT * self.drive.length_m
-        return np.asarray(numerator / np.where(known, lever, np.nan))
+        """Quotient, NaN where the lever vanishes beside the drive's size; it is changed there."""
+        lever[np.abs(lever) <= _DEPENDENT * self.drive.length_m] = np.nan
+        return numerator / lever
 
 
 def _indices(members: Sequence[tuple[int, ...]], width: int) -> Ints:

@@ -4,6 +4,8 @@ Component i of the drive or the steering means the mechanical part and its senso
 components at once spoil the union of their signatures.
 """
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from wackel_kinematics.array import Bools, Ints
@@ -23,9 +25,9 @@ def steering_signatures(candidates: Candidates) -> Bools:
     return spoilt
 
 
-def as_text(signature: Bools) -> str:
+def as_text(signature: Iterable[bool]) -> str:
     """A signature as the paper prints it: ``000101``."""
-    return "".join("1" if bit else "0" for bit in signature.tolist())
+    return "".join(["1" if bit else "0" for bit in signature])
 
 
 def _wheels(candidates: Candidates) -> Ints:

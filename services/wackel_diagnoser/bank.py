@@ -13,7 +13,7 @@ case, for what the rows do not determine costs every hypothesis the same.
 
 import numpy as np
 
-from wackel_kinematics.array import Floats
+from wackel_kinematics.array import Floats, cofactors
 
 WIDE = 1e-4
 """One over the variance of the twist before anything is measured: 100 m/s, 100 rad/s. It keeps the
@@ -106,12 +106,8 @@ class Bank:
 
     def covariance(self) -> Floats:
         """Of the twist if nothing is wrong, from the last evaluation, shape (3, 3)."""
-        a, b, c, d, e, f = self._normal[:, 0].take(_MATRIX).tolist()
-        # By cofactors: LAPACK takes longer to be called than this.
-        p, q, r = d * f - e * e, c * e - b * f, b * e - c * d
-        s, t, u = a * f - c * c, b * c - a * e, a * d - b * b
-        cofactors = np.array(((p, q, r), (q, s, t), (r, t, u)))
-        return np.asarray(cofactors / (a * p + b * q + c * r))
+        (p, q, r, s, t, u), determinant = cofactors(self._normal[:, 0].take(_MATRIX).tolist())
+        return np.array(((p, q, r), (q, s, t), (r, t, u))) / determinant
 
     def right(self) -> Floats:
         """Hᵀ R⁻¹ z if nothing is wrong, from the last evaluation."""

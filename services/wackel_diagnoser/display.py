@@ -2,7 +2,6 @@
 
 import math
 from itertools import compress
-from operator import itemgetter
 
 import numpy as np
 
@@ -51,7 +50,8 @@ class Display:
         # How far a fault spoils the rows, of which there are several ways, is not told.
         told = [(hypothesis.components, hypothesis.kind) for hypothesis in hypotheses.each]
         self._told = list(dict.fromkeys(told))
-        self._tells = np.array([[each == one for each in told] for one in self._told], dtype=float)
+        # The number of what each hypothesis tells.
+        self._tells = np.array([self._told.index(each) for each in told])
         self._rows = rows
         self._bank = bank
         self._sensors = sensors
@@ -74,16 +74,17 @@ class Display:
         off = (measured.z - measured.h.dot(twist)).tolist()
         sigma = np.sqrt(variance).tolist()
         scale = np.sqrt(self._sensors.factors).tolist()
-        probabilities = self._tells.dot(self._sequential.posterior()).tolist()
-        told = zip(probabilities, self._told, strict=True)
-        likeliest = sorted(told, key=itemgetter(0), reverse=True)[:SHOWN]
+        probabilities = np.bincount(self._tells, self._sequential.posterior()).tolist()
+        numbers = range(len(probabilities))
+        likeliest = sorted(numbers, key=probabilities.__getitem__, reverse=True)[:SHOWN]
+        shown = [(probabilities[at], *self._told[at]) for at in likeliest]
         present = measured.present.tolist()
         gyro = list(compress(measured.z[rows.gyros].tolist(), present[rows.gyros]))
         judged = self._paper.judge(
             step.heading,
             step.wheel_rate,
-            np.array(target.goal) if target.known else step.heading,
-            np.array(target.twist),
+            target.goal if target.known else step.heading.tolist(),
+            target.twist,
             sum(gyro) / len(gyro) if gyro else math.nan,
         )
         return Residuals(
@@ -101,7 +102,7 @@ class Display:
                 HypothesisState(
                     components=list(components), fault=kind, probability=min(probability, 1.0)
                 )
-                for probability, (components, kind) in likeliest
+                for probability, components, kind in shown
             ],
             alarm=self._sequential.alarm,
             verdict=list(self._explanations[self._sequential.verdict]),

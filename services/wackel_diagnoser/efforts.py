@@ -6,12 +6,13 @@ one whose sensor only says so.
 """
 
 import math
+from operator import mul
 from typing import NamedTuple
 
 import numpy as np
 
 from wackel_drive.layout import Layout
-from wackel_kinematics.array import Floats
+from wackel_kinematics.array import Floats, cofactors
 from wackel_schemas.bus import BusState
 
 LONG_S = 20.0
@@ -34,6 +35,10 @@ stand at the rim of a disc, half."""
 OFF_S = 1.5
 """A torque that is off for so long is no transient of switching on: a gateway reads the register of
 each servo once a second, so for a second those that have been read say on and the others off."""
+
+_PRODUCTS = (0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2), (0, 3), (1, 3), (2, 3)
+"""Of speed, acceleration, that of turning, and current: what the upper triangle of the normal
+equations sums, row by row, then their right side."""
 
 
 class Needs(NamedTuple):
@@ -101,8 +106,8 @@ class Efforts:
         self._usual = [math.nan] * len(joints)
         self._before: tuple[list[float], list[float]] | None = None  # speeds, and of turning
         # Normal equations of current = friction × speed + mass × acceleration + turning × that of
-        # turning, for all wheels; the last column is the right side.
-        self._sums: Floats = np.zeros((3, 4))
+        # turning, for all wheels.
+        self._sums = [0.0] * len(_PRODUCTS)
         self._needs = Needs(0.0, 0.0, 0.0, 0.0)
         self._learnt_s = 0.0
 
@@ -186,24 +191,30 @@ class Efforts:
     ) -> None:
         """What driving needs, from a moment in which nothing is wrong."""
         before, turned = self._before or (speeds, turning)
-        seen = np.array((speeds, before, turning, turned, self._current[: self._rolls]))
-        seen[1:3] = (seen[0] - seen[1]) / seconds, (seen[2] - seen[3]) / seconds
-        seen[3] = seen[4]
-        told = seen[:3] @ seen[:4].T
-        if not math.isfinite(float(told.sum())):
+        seen = (
+            speeds,
+            [(now - then) / seconds for now, then in zip(speeds, before, strict=True)],
+            [(turns - did) / seconds for turns, did in zip(turning, turned, strict=True)],
+            self._current[: self._rolls],
+        )
+        told = [sum(map(mul, seen[a], seen[b])) for a, b in _PRODUCTS]
+        if not math.isfinite(sum(told)):
             return
-        sums, mass = self._sums, self._needs.mass
-        sums *= 1.0 - learnt_s / LONG_S
-        sums += told
+        fade = 1.0 - learnt_s / LONG_S
+        self._sums = [fade * total + new for total, new in zip(self._sums, told, strict=True)]
         # The first time, it is not known yet: NaN, which is no greater.
         pushed = max(LEAST**2, sum(self._usual[: self._rolls]) / self._rolls)
         # Until the robot has turned and driven, it is a guess that both need alike.
-        alike = pushed / max((TURNING * mass) ** 2, 1e-12)
-        known = sums[:, :3] + np.diag((UNKNOWN, UNKNOWN, alike))
-        covariance = np.linalg.inv(known)
-        friction, mass, turning_more = (covariance @ sums[:, 3]).tolist()
-        unsure = math.sqrt(pushed * float(covariance[0, 0]) * max(SAME_S / learnt_s, 1.0))
-        self._needs = Needs(friction, mass, turning_more, unsure)
+        alike = pushed / max((TURNING * self._needs.mass) ** 2, 1e-12)
+        a, b, c, d, e, f, x, y, z = self._sums
+        known = a + UNKNOWN, b, c, d + UNKNOWN, e, f + alike
+        (p, q, r, s, t, u), determinant = cofactors(known)
+        self._needs = Needs(
+            friction=(p * x + q * y + r * z) / determinant,
+            mass=(q * x + s * y + t * z) / determinant,
+            turning=(r * x + t * y + u * z) / determinant,
+            unsure=math.sqrt(pushed * p / determinant * max(SAME_S / learnt_s, 1.0)),
+        )
 
     @property
     def currents(self) -> list[float]:

@@ -31,6 +31,7 @@ BURST = 9.0
 for a wheel that was blocked for a second does not usually push as hard."""
 MOST = 1.5
 """Evidence by what is needed, beyond which no more is gathered, so that it can heal."""
+_SWAYING = NOISE**2  # as a variance; worked out once
 
 
 class IdleMotors:
@@ -83,7 +84,7 @@ class IdleMotors:
         self._usual = means = self._follow(means, rest, seconds)
         share, awake = min(1.0, seconds / AWAKE_S), self._awake
         for i, (amperes, mean) in enumerate(zip(alone, means, strict=True)):
-            awake[i] += (amperes * amperes / max(mean, NOISE**2) - awake[i]) * share
+            awake[i] += (amperes * amperes / max(mean, _SWAYING) - awake[i]) * share
         # The laziest of the others says how much there is to do.
         lowest, second = sorted(awake)[:2]
         sums, most = self._sums, MOST * self._limit
@@ -91,18 +92,18 @@ class IdleMotors:
         for i, mean in enumerate(means):
             works = mean * min(lowest if awake[i] > lowest else second, 1.0)
             square = speeds[i] * speeds[i]
-            idle = NOISE**2 + sways * square
+            idle = _SWAYING + sways * square
             told = _told(alone[i], rest[i], idle, works)
             if told > 0.0:
                 # Friction that is known badly may look like idling, but excuses nothing.
                 doubt = unsure * square
                 told = min(told, _told(alone[i], rest[i], idle + doubt, works))
                 # At an even speed wheels push each other as they did before: nothing new.
-                noise, inertia = NOISE**2 + doubt, inertias[i] * inertias[i]
+                noise, inertia = _SWAYING + doubt, inertias[i] * inertias[i]
                 if not (max(mean, inertia) >= WORKS * noise and inertia >= noise):
                     told = 0.0
-            sums[i] += INDEPENDENT * min(max(0.5 * told, -AGAINST), FOR)
-            sums[i] = min(max(sums[i], 0.0), most)
+            total = sums[i] + INDEPENDENT * min(max(0.5 * told, -AGAINST), FOR)
+            sums[i] = min(max(total, 0.0), most)
         self.found = [
             total > (0.5 if known else 1.0) * self._limit
             for total, known in zip(sums, self.found, strict=True)
@@ -112,7 +113,7 @@ class IdleMotors:
         """What is usual, from what motors need now; that of one without a wheel stays."""
         share = min(1.0, seconds / LONG_S)
         return [
-            mean if found else mean + share * (min(left * left, BURST * max(mean, NOISE**2)) - mean)
+            mean if found else mean + share * (min(left * left, BURST * max(mean, _SWAYING)) - mean)
             for mean, left, found in zip(usual, rest, self.found, strict=True)
         ]
 

@@ -5,13 +5,15 @@ Thresholds are fixed, found by experiment, as in the paper.
 """
 
 import math
+from collections.abc import Sequence
 from itertools import compress
+from operator import not_
 from typing import NamedTuple
 
 import numpy as np
 
 from wackel_drive.layout import Layout
-from wackel_kinematics.array import Bools, Floats
+from wackel_kinematics.array import Floats
 from wackel_kinematics.candidates import Candidates
 from wackel_kinematics.signatures import as_text, drive_signatures, steering_signatures
 from wackel_schemas import component
@@ -26,20 +28,20 @@ class Judgement(NamedTuple):
     """What the four steps say of one moment.
 
     Attributes:
-        twists: Of the candidates, shape (m, 3).
-        at_contact, coincident: Step I, singular of kind A and B, shape (m,).
-        left: Those that Step I leaves, shape (m,).
-        deviates: Step II, shape (m,).
+        twists: Of each of the m candidates; NaN where its rows determine none.
+        at_contact, coincident: Step I, which are singular of kind A and B.
+        left: Which Step I leaves.
+        deviates: Step II, which of those miss the command.
         components: What Step III names, or Step II where that is enough.
         fault: ``sensor`` or ``actuator`` by Step IV; empty where it says nothing.
         texts: A sentence for each step.
     """
 
-    twists: Floats
-    at_contact: Bools
-    coincident: Bools
-    left: Bools
-    deviates: Bools
+    twists: list[list[float]]
+    at_contact: list[bool]
+    coincident: list[bool]
+    left: list[bool]
+    deviates: list[bool]
     components: list[str]
     fault: str
     texts: dict[str, str]
@@ -47,6 +49,8 @@ class Judgement(NamedTuple):
 
 class PaperSteps:
     """Applies them.
+
+    Lists: for some candidates, Python is faster with them than numpy.
 
     Args:
         layout: The drive; one with fewer than three candidates has no steps to apply.
@@ -65,14 +69,18 @@ class PaperSteps:
         ]
         suspects = [each for each in suspects if each[1].any()]
         self._suspects = [path for path, _ in suspects]
-        signatures = np.array([signature for _, signature in suspects], dtype=float)
-        # As numbers, so that products of matrices count candidates.
-        self._signatures: Floats = signatures.reshape(len(suspects), len(drives[0]))
-        self._tolerance = np.array([SPEED, SPEED, SPEED / layout.drive.length_m])
+        # The candidates that each leaves sound: its signature (eq. 11), turned round.
+        self._sound: list[list[bool]] = [(~signature).tolist() for _, signature in suspects]
+        self._tolerance = SPEED, SPEED, SPEED / layout.drive.length_m
         self.labels = self._candidates.labels
 
     def judge(
-        self, heading: Floats, rate: Floats, goal: Floats, command: Floats, yaw: float
+        self,
+        heading: Floats,
+        rate: Floats,
+        goal: Sequence[float],
+        command: Sequence[float],
+        yaw: float,
     ) -> Judgement:
         """The steps for one moment.
 
@@ -85,45 +93,52 @@ class PaperSteps:
             yaw: What the gyro shows, rad/s; NaN if there is none.
         """
         candidates, drive = self._candidates, self._drive
-        both = heading.tolist(), goal.tolist()
+        both = heading.tolist(), goal
         whole = math.isfinite(sum(map(sum, both)))
         rows, aimed = drive.known_rows(*both) if whole else drive.rows_along(np.array(both))
-        twists = candidates.twists(rows, drive.values(rate))
-        singular = candidates.singularities(aimed)
-        left = ~singular.any & np.isfinite(twists[:, 0])
-        texts = {"I": self._text_of_first(singular.at_contact, singular.coincident)}
-        off = left & self._apart(twists, command)
+        twists = candidates.twists(rows, drive.values(rate)).tolist()
+        at_contact, coincident = (kind.tolist() for kind in candidates.singularities(aimed))
+        left = [
+            not (a or b) and math.isfinite(twist[0])
+            for twist, a, b in zip(twists, at_contact, coincident, strict=True)
+        ]
+        texts = {"I": self._text_of_first(at_contact, coincident)}
+        off = [
+            usable and self._apart(twist, command)
+            for usable, twist in zip(left, twists, strict=True)
+        ]
         components: list[str] = []
         fault = ""
-        if not math.isfinite(sum(command.tolist())):
-            texts["II"] = "No command is known to compare with."
-        elif not off.any():
-            texts["II"] = "All candidates agree with the command."
-        else:
-            components = self._match(off, left)
-            texts["II"] = f"Candidates {as_text(off[left])} miss the command: " + (
+        if any(off):
+            sound = [list(compress(each, left)) for each in self._sound]
+            seen = list(compress(off, left))
+            components = self._match(seen, sound)
+            texts["II"] = f"Candidates {as_text(seen)} miss the command: " + (
                 f"the signature of {_words(components)}."
                 if components
                 else "no signature of a single component."
             )
-        if off.any():
-            found, consensus = self._consistent(twists, left)
-            if found is not None:
-                components = found
-            texts["III"] = self._text_of_third(found)
+            named, consensus = self._consistent(list(compress(twists, left)), sound)
+            if named is not None:
+                components = named
+            texts["III"] = self._text_of_third(named)
             if components and consensus is not None:
                 fault, texts["IV"] = self._fourth(consensus, command, yaw)
-        return Judgement(twists, *singular, left, off, components, fault, texts)
+        elif math.isfinite(sum(command)):
+            texts["II"] = "All candidates agree with the command."
+        else:
+            texts["II"] = "No command is known to compare with."
+        return Judgement(twists, at_contact, coincident, left, off, components, fault, texts)
 
     def candidates(self, judged: Judgement) -> list[Candidate]:
         """As a message."""
         result = []
         for label, twist, a, b, off in zip(
             self.labels,
-            judged.twists.tolist(),
-            judged.at_contact.tolist(),
-            judged.coincident.tolist(),
-            judged.deviates.tolist(),
+            judged.twists,
+            judged.at_contact,
+            judged.coincident,
+            judged.deviates,
             strict=True,
         ):
             known = twist[0] == twist[0]
@@ -143,7 +158,7 @@ class PaperSteps:
     @staticmethod
     def signature(judged: Judgement) -> str:
         """Of Step II, as the paper prints it."""
-        return as_text(judged.deviates[judged.left])
+        return as_text(compress(judged.deviates, judged.left))
 
     @staticmethod
     def steps(judged: Judgement) -> list[PaperStep]:
@@ -157,49 +172,73 @@ class PaperSteps:
             for step, text in judged.texts.items()
         ]
 
-    def _apart(self, a: Floats, b: Floats) -> Bools:
+    def _apart(self, a: Sequence[float], b: Sequence[float]) -> bool:
         """Whether twists differ by more than a threshold in any component (eq. 10 and 12)."""
-        return np.asarray((np.abs(a - b) > self._tolerance).any(axis=-1))
+        vx, vy, omega = self._tolerance
+        return abs(a[0] - b[0]) > vx or abs(a[1] - b[1]) > vy or abs(a[2] - b[2]) > omega
 
-    def _match(self, off: Bools, left: Bools) -> list[str]:
+    def _match(self, off: list[bool], sound: list[list[bool]]) -> list[str]:
         """Components whose signature the candidates show, some of which are off."""
-        same = (self._signatures * left == off).all(axis=1)
-        return [self._suspects[i] for i in same.nonzero()[0]]
+        agree = [*map(not_, off)]
+        return [path for path, each in zip(self._suspects, sound, strict=True) if each == agree]
 
-    def _consistent(self, twists: Floats, left: Bools) -> tuple[list[str] | None, Floats | None]:
+    def _consistent(
+        self, twists: list[list[float]], sound: list[list[bool]]
+    ) -> tuple[list[str] | None, list[float] | None]:
         """Step III: components without which all agree, while every candidate with them does not.
 
         Of several, those that leave the largest set that agrees.
-        """
-        differs = self._apart(twists[:, None], twists).astype(float)
-        with_it = self._signatures * left
-        without = left - with_it
-        sizes, others = np.add.reduce(without, axis=1), np.add.reduce(with_it, axis=1)
-        # How many of those without differ from each candidate.
-        differing = without @ differs
-        possible = (sizes >= 2) & (others > 0)
-        possible &= np.vecdot(differing, without) == 0
-        possible &= np.vecdot(differing, with_it) == sizes * others
-        if possible.any():
-            best = (possible & (sizes == sizes[possible].max())).nonzero()[0]
-            return [self._suspects[i] for i in best], _mean(twists[without[best[-1]] > 0])
-        agree = not left @ differs @ left
-        return (None, _mean(twists[left])) if agree else ([], None)
 
-    def _fourth(self, consensus: Floats, command: Floats, yaw: float) -> tuple[str, str]:
+        Args:
+            twists: Of the candidates that Step I leaves.
+            sound: Which of those each component leaves sound.
+
+        Returns:
+            The components, ``None`` if all candidates agree; and the twist of those that agree.
+        """
+        if self._agree(twists):
+            return None, _mean(twists)
+        sizes = [sum(each) if self._divides(twists, each) else 0 for each in sound]
+        largest = max(sizes)
+        if not largest:
+            return [], None
+        best = [i for i, size in enumerate(sizes) if size == largest]
+        return [self._suspects[i] for i in best], _mean([*compress(twists, sound[best[-1]])])
+
+    def _divides(self, twists: list[list[float]], sound: list[bool]) -> bool:
+        """Whether several are sound and agree, and every other is apart from each of them."""
+        agreeing = [*compress(twists, sound)]
+        return (
+            len(agreeing) >= 2
+            and self._agree(agreeing)
+            and all(
+                self._apart(twist, other)
+                for twist in compress(twists, map(not_, sound))
+                for other in agreeing
+            )
+        )
+
+    def _agree(self, twists: list[list[float]]) -> bool:
+        """Whether no two are apart: then the least and the greatest of each component are not."""
+        return all(
+            max(column) - min(column) <= most
+            for column, most in zip(zip(*twists, strict=True), self._tolerance, strict=True)
+        )
+
+    def _fourth(
+        self, consensus: Sequence[float], command: Sequence[float], yaw: float
+    ) -> tuple[str, str]:
         """Step IV: a sensor if gyro and consensus both match the command, else an actuator."""
         if not math.isfinite(yaw):
             return "", "No gyro to tell a sensor from an actuator."
-        follows = bool(not self._apart(consensus, command))
-        turns = abs(yaw - command[2]) <= self._tolerance[2]
-        if follows and turns:
+        if not self._apart(consensus, command) and abs(yaw - command[2]) <= self._tolerance[2]:
             return "sensor", "The others and the gyro match the command: its sensor is wrong."
         return "actuator", "The robot does not move as commanded: it is not only a sensor."
 
-    def _text_of_first(self, at_contact: Bools, coincident: Bools) -> str:
+    def _text_of_first(self, at_contact: list[bool], coincident: list[bool]) -> str:
         said = [
             f"{', '.join(compress(self.labels, which))} singular ({kind})"
-            for kind, which in (("A", at_contact.tolist()), ("B", coincident.tolist()))
+            for kind, which in (("A", at_contact), ("B", coincident))
             if any(which)
         ]
         return f"Left out: {'; '.join(said)}." if said else "No candidate is singular."
@@ -215,8 +254,8 @@ class PaperSteps:
         return f"Candidates agree without {_words(found, ' or without ')}."
 
 
-def _mean(twists: Floats) -> Floats:
-    return np.asarray(np.add.reduce(twists) / len(twists))
+def _mean(twists: list[list[float]]) -> list[float]:
+    return [sum(column) / len(twists) for column in zip(*twists, strict=True)]
 
 
 def _words(components: list[str], between: str = " or ") -> str:

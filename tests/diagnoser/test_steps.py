@@ -1,6 +1,8 @@
 """The paper's four steps, on its own robot and numbers (n = 3)."""
 
 import math
+from collections.abc import Sequence
+from operator import and_
 
 import numpy as np
 import pytest
@@ -8,10 +10,9 @@ import pytest
 from tests.odometry.simulation import steered_drive
 from wackel_diagnoser.steps import Judgement, PaperSteps
 from wackel_drive.layout import Layout
-from wackel_kinematics.array import Floats
 from wackel_kinematics.inverse import inverse
 
-CIRCLE = np.array([1.5, 0.0, 1.5])
+CIRCLE = (1.5, 0.0, 1.5)
 """The paper's: 1.5 m/s on a circle of 1 m."""
 
 
@@ -20,14 +21,14 @@ def judged(
     others: float = 1.0,
     beta_off: float = 0.0,
     yaw: float = 1.5,
-    command: Floats = CIRCLE,
+    command: Sequence[float] = CIRCLE,
 ) -> Judgement:
     layout = Layout(steered_drive(3))
     drive = layout.drive
-    motion = inverse(drive, CIRCLE, drive.steering(np.zeros(3)))
+    motion = inverse(drive, np.array(CIRCLE), drive.steering(np.zeros(3)))
     rate = motion.wheel_rate * np.array([others, others, rate_of_3])
     beta = motion.steering + np.array([0.0, 0.0, beta_off])
-    goal = drive.heading(motion.steering)
+    goal = drive.heading(motion.steering).tolist()
     return PaperSteps(layout).judge(drive.heading(beta), rate, goal, command, yaw)
 
 
@@ -62,19 +63,20 @@ def test_a_steering_that_stands_off_gives_its_signature() -> None:
 def test_a_pair_whose_axles_coincide_is_left_out() -> None:
     layout = Layout(steered_drive(4))
     drive = layout.drive
-    motion = inverse(drive, np.array([0.5, 0.0, 0.0]), drive.steering(np.zeros(4)))
+    ahead = (0.5, 0.0, 0.0)
+    motion = inverse(drive, np.array(ahead), drive.steering(np.zeros(4)))
     steps = PaperSteps(layout)
     heading = drive.heading(motion.steering)
-    found = steps.judge(heading, motion.wheel_rate, heading, np.array([0.5, 0.0, 0.0]), 0.0)
-    assert found.coincident.any()
-    assert not (found.deviates & found.coincident).any()
+    found = steps.judge(heading, motion.wheel_rate, heading.tolist(), ahead, 0.0)
+    assert any(found.coincident)
+    assert not any(map(and_, found.deviates, found.coincident))
     assert "(B)" in found.texts["I"]
     shown = steps.candidates(found)
     assert {each.singular for each in shown} == {"", "B"}
 
 
 def test_without_a_command_nothing_is_said_of_it() -> None:
-    found = judged(command=np.full(3, np.nan))
+    found = judged(command=(math.nan,) * 3)
     assert found.components == []
     assert "No command" in found.texts["II"]
 
