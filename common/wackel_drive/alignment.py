@@ -72,6 +72,25 @@ class Step(NamedTuple):
         return (self.end - self.begin) / 1e9
 
 
+class _Gyro:
+    """A gyro as it is mounted.
+
+    Attributes:
+        source: Its name in complaints.
+        track: What it said.
+        axis: Which of the sensor's axes is along the robot's z axis.
+        sign: -1 if it points down, else 1.
+    """
+
+    __slots__ = ("axis", "sign", "source", "track")
+
+    def __init__(self, name: str, config: GyroConfig) -> None:
+        self.source = component.gyro(name)
+        self.track = Track()
+        self.axis = _AXES[config.axis[-1]]
+        self.sign = -1 if config.axis.startswith("-") else 1
+
+
 class Alignment:
     """Aligns the servos of a drive and its gyros.
 
@@ -93,10 +112,10 @@ class Alignment:
         self._by_bus: dict[str, dict[int, Track]] = {}
         for _, joint, track in (*self._rolling, *self._steering):
             self._by_bus.setdefault(joint.servo.bus, {})[joint.servo.id] = track
-        self._gyros = {name: Track() for name in gyros}
+        self._gyros = {name: _Gyro(name, config) for name, config in gyros.items()}
         servos = (track for tracks in self._by_bus.values() for track in tracks.values())
-        self._tracks = (*servos, *self._gyros.values())
-        self._axes = {name: _axis(config.axis) for name, config in gyros.items()}
+        # Gyros first: mostly it is them that a step waits for.
+        self._tracks = (*(gyro.track for gyro in self._gyros.values()), *servos)
         self._done: int | None = None
         self._wheels_newest = 0
         self._strange = 0  # states in a row whose stamps do not fit
@@ -116,7 +135,7 @@ class Alignment:
         tracks = self._by_bus.get(bus)
         if tracks is None:
             return False
-        stamp, believed, taken = state.stamp, False, False
+        stamp, believed, taken, done = state.stamp, False, False, 0
         for servo in state.servos:
             track = tracks.get(servo.id)
             if track is None:
@@ -130,15 +149,15 @@ class Alignment:
                     return False
                 if not self._fits(stamp, bus):
                     return False
-                believed = True
+                believed, done = True, self._done or 0
             # Not so of NaN, which no comparison holds for.
             if not (
-                (position is None or -MOST_ANGLE <= position <= MOST_ANGLE)
-                and (velocity is None or -MOST_RATE <= velocity <= MOST_RATE)
+                (position is None or abs(position) <= MOST_ANGLE)
+                and (velocity is None or abs(velocity) <= MOST_RATE)
             ):
                 self._refuse(component.servo(bus, servo.id), "implausible")
                 continue
-            arrival = track.add(stamp, position, velocity, self._done or 0)
+            arrival = track.add(stamp, position, velocity, done)
             if arrival == "kept" or self._taken(component.servo(bus, servo.id), arrival):
                 taken = True
         if taken:
@@ -155,28 +174,27 @@ class Alignment:
         Raises:
             KeyError: No such gyro is configured.
         """
-        axis, sign = self._axes[name]
-        rate = sign * sample.angular_velocity[axis]
-        path, stamp, done = component.gyro(name), sample.stamp, self._done
+        gyro, stamp, done = self._gyros[name], sample.stamp, self._done
+        x, y, z = rates = sample.angular_velocity
         # Not so of NaN, which no comparison holds for.
-        if not all(-MOST_RATE <= value <= MOST_RATE for value in sample.angular_velocity):
-            self._refuse(path, "implausible")
+        if not (abs(x) <= MOST_RATE and abs(y) <= MOST_RATE and abs(z) <= MOST_RATE):
+            self._refuse(gyro.source, "implausible")
             return None
         if not sample.late_s <= UNCERTAIN_S:  # NaN is not, either
-            self._refuse(path, "uncertain")
+            self._refuse(gyro.source, "uncertain")
             return None
         if done is not None and abs(stamp - done) > AHEAD_NS:
             # Whether the gyro's clock is wrong or the wheels are silent, the next step will tell.
-            self.counts[path, "ahead" if stamp > done else "late"] += 1
+            self.counts[gyro.source, "ahead" if stamp > done else "late"] += 1
             return None
-        track = self._gyros[name]
-        arrival = track.add(stamp, None, rate, done or 0)
-        if arrival != "kept" and not self._taken(path, arrival):
+        rate = gyro.sign * rates[gyro.axis]
+        arrival = gyro.track.add(stamp, None, rate, done or 0)
+        if arrival != "kept" and not self._taken(gyro.source, arrival):
             return None
         self._newer(stamp)
         if done is None:
             # Nothing to hold it against yet; a lone gyro must not fill its track.
-            track.forget(stamp - AHEAD_NS)
+            gyro.track.forget(stamp - AHEAD_NS)
         return rate
 
     def step(self) -> Step | None:
@@ -187,32 +205,30 @@ class Alignment:
         end = self._next_end(begin)
         if end is None or not self._covered(end):
             return None
-        seconds = (end - begin) / 1e9
-        # Filled as lists: numpy is slow with single numbers.
-        nothing = [math.nan] * self._n
-        heading, steered, wheel_rate = nothing, nothing.copy(), nothing.copy()
-        for i, joint, track in self._rolling:
-            _, turned = track.pass_by(begin, end)
-            if turned is not None:
-                wheel_rate[i] = joint.sign * turned / seconds
+        n, seconds = self._n, (end - begin) / 1e9
+        # Filled as one list: numpy is slow with single numbers, and each array costs anew.
+        values = [math.nan] * (3 * n + len(self._gyros))
         for i, joint, track in self._steering:
             angle, turned = track.pass_by(begin, end)
             if turned is not None and angle is not None:
-                heading[i] = joint.sign * (angle + turned / 2) + joint.offset
-                steered[i] = joint.sign * turned
-        gyro_rate = [math.nan] * len(self._gyros)
-        for i, track in enumerate(self._gyros.values()):
-            _, turned = track.pass_by(begin, end)
+                values[i] = joint.sign * (angle + turned / 2) + joint.offset
+                values[n + i] = joint.sign * turned
+        for i, joint, track in self._rolling:
+            turned = track.pass_by(begin, end)[1]
             if turned is not None:
-                gyro_rate[i] = turned / seconds
+                values[2 * n + i] = joint.sign * turned / seconds
+        for i, gyro in enumerate(self._gyros.values(), 3 * n):
+            turned = gyro.track.pass_by(begin, end)[1]
+            if turned is not None:
+                values[i] = turned / seconds
         self._done = end
-        n, wheels = self._n, np.array(heading + steered + wheel_rate)
-        return Step(begin, end, wheels[:n], wheels[n : 2 * n], wheels[2 * n :], np.array(gyro_rate))
+        every = np.array(values)
+        return Step(begin, end, every[:n], every[n : 2 * n], every[2 * n : 3 * n], every[3 * n :])
 
     def _next_end(self, begin: int) -> int | None:
         """Where the next step ends: at a sample of the first driven wheel that is not absent."""
         for _, _, track in self._rolling:
-            if track.newest is not None and track.newest + WAIT_NS >= self._wheels_newest:
+            if track.newest + WAIT_NS >= self._wheels_newest:
                 return track.after(begin + SHORTEST_NS)
         return None
 
@@ -220,10 +236,10 @@ class Alignment:
         """Whether nothing is left that waiting for could bring."""
         waited = self._wheels_newest >= end + WAIT_NS
         for track in self._tracks:
-            if track.present and track.newest is not None and track.newest < end:
+            if track.awaited_from < end:
                 if not waited:
                     return False
-                track.present = False
+                track.awaited_from = math.inf
         return True
 
     def _fits(self, stamp: int, bus: str) -> bool:
@@ -273,8 +289,3 @@ class Alignment:
 def _sensors(joints: Iterable[Joint | None]) -> list[tuple[int, Joint, Track]]:
     """Number of the wheel, joint and track of those that are there."""
     return [(i, joint, Track()) for i, joint in enumerate(joints) if joint is not None]
-
-
-def _axis(name: str) -> tuple[int, int]:
-    """Index and sign of an axis such as ``-z``."""
-    return _AXES[name[-1]], -1 if name.startswith("-") else 1

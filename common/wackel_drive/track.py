@@ -10,8 +10,11 @@ from bisect import bisect_left
 from typing import Literal
 
 Arrival = Literal["kept", "reordered", "repeated", "late", "flood"]
-Sample = tuple[int, float | None, float | None]
-"""Stamp, angle, rate."""
+Sample = tuple[int, float | None, float | None, float | None]
+"""Stamp, angle, rate, and what was turned since the sample before; ``None`` where not known.
+
+The last is worked out once, on arrival, for two steps need it where a border of theirs lies between
+the samples. Of the first sample of a track it means nothing."""
 
 TURN = 2 * math.pi
 _HALF = math.pi
@@ -25,16 +28,16 @@ class Track:
     """Samples of one angle that are still needed, by stamp.
 
     Attributes:
-        newest: Stamp of the newest sample; ``None`` before the first.
-        present: Whether a sample is worth waiting for: false until the first, and, set by who has
-            waited in vain, until the next.
+        newest: Stamp of the newest sample; minus infinity before the first.
+        awaited_from: Samples of later than this are worth waiting for. It is the newest stamp;
+            infinity until the first, and, set by who has waited in vain, until the next.
     """
 
-    __slots__ = ("_samples", "newest", "present")
+    __slots__ = ("_samples", "awaited_from", "newest")
 
     def __init__(self) -> None:
-        self.newest: int | None = None
-        self.present = False
+        self.newest = -math.inf
+        self.awaited_from = math.inf
         self._samples: list[Sample] = []
 
     def add(self, stamp: int, angle: float | None, rate: float | None, done: int) -> Arrival:
@@ -52,33 +55,36 @@ class Track:
             been made; ``flood``: too many wait.
         """
         samples = self._samples
-        newest = self.newest
-        if newest is None or stamp > newest:
+        if stamp > self.newest:
             if len(samples) >= MOST:
                 return "flood"
-            self.newest = stamp
-            self.present = True
-            samples.append((stamp, angle, rate))
+            turned = _between(samples[-1], stamp, angle, rate) if samples else None
+            samples.append((stamp, angle, rate, turned))
+            self.newest = self.awaited_from = stamp
             return "kept"
         at = bisect_left(samples, (stamp,))
-        if at < len(samples) and samples[at][0] == stamp:
+        after, next_angle, next_rate, _ = samples[at]
+        if after == stamp:
             return "repeated"
         if stamp <= done:
             return "late"
         if len(samples) >= MOST:
             return "flood"
-        samples.insert(at, (stamp, angle, rate))
+        turned = _between(samples[at - 1], stamp, angle, rate) if at else None
+        sample = stamp, angle, rate, turned
+        turned = _between(sample, after, next_angle, next_rate)
+        samples[at : at + 1] = sample, (after, next_angle, next_rate, turned)
         return "reordered"
 
     def after(self, stamp: int) -> int | None:
         """Stamp of the first sample at or after a time; ``None`` if there is none."""
-        samples = self._samples
-        if not samples or samples[-1][0] < stamp:
-            return None
-        return samples[bisect_left(samples, (stamp,))][0]
+        for sample in self._samples:  # It is among the first: steps drop what they have passed.
+            if sample[0] >= stamp:
+                return sample[0]
+        return None
 
     def pass_by(self, begin: int, end: int) -> tuple[float | None, float | None]:
-        """A step passes; what none after it needs is dropped.
+        """A step, which has some length, passes; what none after it needs is dropped.
 
         Returns:
             The angle at its begin, up to whole turns, and what is turned until its end, rad;
@@ -88,35 +94,33 @@ class Track:
         if len(samples) > 1 and samples[0][0] == begin:
             # Usual: the servo whose samples make the steps, and all that are read with it.
             if samples[1][0] == end:
-                before = samples.pop(0)
-                return before[1], _between(before, samples[0])
+                return samples.pop(0)[1], samples[0][3]
             if len(samples) > 2 and samples[2][0] == end:
-                before, middle, after = samples[:3]
-                one, other = _between(before, middle), _between(middle, after)
+                one, other = samples[1][3], samples[2][3]
                 if one is not None and other is not None:
+                    angle = samples[0][1]
                     del samples[:2]
-                    return before[1], one + other
-        at = bisect_left(samples, (begin + 1,)) - 1  # the last that is not after it
-        if at < 0 or samples[-1][0] < end:
-            self.forget(end)
-            return None, None
-        after = samples[at]
-        angle, turned = after[1], 0.0
-        while after[0] < end:
-            at += 1
-            before, after = after, samples[at]
-            part = _between(before, after)
-            if part is None:
-                self.forget(end)
-                return None, None
-            low, high = before[0], after[0]
+                    return angle, one + other
+        low, angle, turned = begin, None, 0.0
+        for at, (high, high_angle, _, part) in enumerate(samples):
+            if high <= begin:
+                low, angle = high, high_angle
+                continue
+            if not at or part is None:
+                break
             if low < begin or high > end:
                 if low < begin and angle is not None:
                     angle += part * ((begin - low) / (high - low))
-                part *= (min(high, end) - max(low, begin)) / (high - low)
-            turned += part
-        del samples[: at if after[0] == end else at - 1]
-        return angle, turned
+                until, since = high if high < end else end, low if low > begin else begin
+                turned += part * ((until - since) / (high - low))
+            else:
+                turned += part
+            if high >= end:
+                del samples[: at if high == end else at - 1]
+                return angle, turned
+            low = high
+        self.forget(end)
+        return None, None
 
     def forget(self, before: int) -> None:
         """Drops samples that times from ``before`` on do not need."""
@@ -126,21 +130,20 @@ class Track:
 
     def clear(self) -> None:
         """Drops all: the next sample is an offset, not a motion."""
-        self.newest = None
-        self.present = False
+        self.newest = -math.inf
+        self.awaited_from = math.inf
         self._samples.clear()
 
 
-def _between(before: Sample, after: Sample) -> float | None:
+def _between(before: Sample, stamp: int, angle: float | None, rate: float | None) -> float | None:
     """Angle turned from one sample to the next."""
-    stamp, angle, rate = before
-    next_stamp, next_angle, next_rate = after
-    ns = next_stamp - stamp
+    last, last_angle, last_rate, _ = before
+    ns = stamp - last
     if ns > LONGEST_GAP_NS:
         return None
-    told = None if rate is None or next_rate is None else (rate + next_rate) * 0.5e-9 * ns
-    if angle is None or next_angle is None:
+    told = None if last_rate is None or rate is None else (last_rate + rate) * 0.5e-9 * ns
+    if last_angle is None or angle is None:
         return told
-    change = next_angle - angle
+    change = angle - last_angle
     off = change if told is None else change - told
     return change if -_HALF < off < _HALF else change - TURN * round(off / TURN)

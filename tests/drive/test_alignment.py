@@ -327,3 +327,21 @@ def test_the_order_of_arrival_does_not_matter(delays: list[int]) -> None:
         np.testing.assert_array_equal(one.wheel_rate, other.wheel_rate)
         np.testing.assert_array_equal(one.gyro_rate, other.gyro_rate)
     assert abs(len(prompt) - len(delayed)) <= 1
+
+
+@settings(max_examples=40)
+@given(st.lists(st.lists(st.sampled_from([1, 2]), unique=True), min_size=12, max_size=12))
+def test_servos_of_one_state_are_as_if_each_had_a_state_of_its_own(heard: list[list[int]]) -> None:
+    together, apart = alignment(), alignment()
+    for k, ids in enumerate([[1, 2], *heard, *[[1, 2]] * 4]):
+        at_once = state(10 * k, 1, 2, rate=RATE + k)
+        at_once.servos = [servo for servo in at_once.servos if servo.id in ids]
+        together.bus_state("main", at_once)
+        for servo in at_once.servos:
+            apart.bus_state("main", BusState(stamp=at_once.stamp, servos=[servo]))
+    ones, others = steps(together), steps(apart)
+    assert together.counts == apart.counts
+    assert ends(ones) == ends(others) != []
+    for one, other in zip(ones, others, strict=True):
+        for mine, same in zip(one[2:], other[2:], strict=True):
+            np.testing.assert_array_equal(mine, same)

@@ -2,12 +2,13 @@
 
 import copy
 import math
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wackel_drive.track import LONGEST_GAP_NS, MOST, TURN, Track
+from wackel_drive.track import LONGEST_GAP_NS, MOST, TURN, Arrival, Track
 
 MS = 1_000_000
 
@@ -129,9 +130,75 @@ def test_parts_add_up_to_the_whole_however_it_is_cut(
     end = (len(angles) - 1) * 10 * MS
     first, second = sorted((one * end // 10**9, other * end // 10**9))
     parts = 0.0
-    for a, b in ((0, first), (first, second), (second, end)):
+    for a, b in pairwise(sorted({0, first, second, end})):
         angle, part = track.pass_by(a, b)
         assert angle is not None and part is not None
         assert math.remainder(angle - parts, TURN) == pytest.approx(0.0, abs=1e-6)
         parts += part
     assert parts == pytest.approx(angles[-1], abs=1e-6)
+
+
+class AllKept:
+    """A track that drops nothing and works out everything anew when a step passes."""
+
+    def __init__(self) -> None:
+        self.samples: dict[int, tuple[float | None, float | None]] = {}
+        self.done = 0
+
+    def add(self, stamp: int, angle: float | None, rate: float | None) -> Arrival:
+        needed = max((s for s in self.samples if s <= self.done), default=0)
+        if stamp in self.samples and stamp >= needed:
+            return "repeated"
+        newest = max(self.samples, default=-1)
+        if stamp < newest and stamp <= self.done:
+            return "late"
+        self.samples[stamp] = angle, rate
+        return "kept" if stamp > newest else "reordered"
+
+    def pass_by(self, begin: int, end: int) -> tuple[float | None, float | None]:
+        self.done = end
+        stamps = sorted(self.samples)
+        if not stamps or stamps[0] > begin or stamps[-1] < end:
+            return None, None
+        first = max(stamp for stamp in stamps if stamp <= begin)
+        angle, turned = self.samples[first][0], 0.0
+        for low, high in pairwise(stamps):
+            if high <= begin or low >= end:
+                continue
+            part = self._between(low, high)
+            if part is None:
+                return None, None
+            if angle is not None:
+                angle += part * max(0, begin - low) / (high - low)
+            turned += part * (min(high, end) - max(low, begin)) / (high - low)
+        return angle, turned
+
+    def _between(self, low: int, high: int) -> float | None:
+        (angle, rate), (next_angle, next_rate) = self.samples[low], self.samples[high]
+        if high - low > LONGEST_GAP_NS:
+            return None
+        told = None
+        if rate is not None and next_rate is not None:
+            told = (rate + next_rate) / 2 * (high - low) / 1e9
+        if angle is None or next_angle is None:
+            return told
+        turns = round((next_angle - angle - (told or 0.0)) / TURN)
+        return next_angle - angle - TURN * turns
+
+
+@given(st.data())
+def test_what_arrives_in_any_order_is_as_if_all_had_been_kept(data: st.DataObject) -> None:
+    track, kept, done = Track(), AllKept(), 0
+    values = st.none() | st.floats(-9.0, 9.0).map(lambda value: round(value, 3))
+    for _ in range(data.draw(st.integers(1, 30))):
+        if data.draw(st.integers(0, 2)):
+            stamp = max(0, done + 5 * MS * data.draw(st.integers(-3, 9) | st.just(60)))
+            angle, rate = data.draw(values), data.draw(values)
+            assert track.add(stamp, angle, rate, done) == kept.add(stamp, angle, rate)
+        else:
+            begin, done = done, done + MS * data.draw(st.sampled_from([5, 7, 10, 20]))
+            found, expected = track.pass_by(begin, done), kept.pass_by(begin, done)
+            if expected[1] is None:
+                assert found[1] is None
+            else:
+                assert found == pytest.approx(expected, abs=1e-9)
