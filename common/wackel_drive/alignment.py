@@ -10,11 +10,8 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Literal, NamedTuple, TypeAlias
 
-import numpy as np
-
 from wackel_drive.layout import Joint, Layout
 from wackel_drive.track import Arrival, Track
-from wackel_kinematics.array import Floats
 from wackel_node.config_drive import GyroConfig
 from wackel_schemas import component
 from wackel_schemas.bus import BusState
@@ -50,21 +47,23 @@ _AXES = {"x": 0, "y": 1, "z": 2}
 class Step(NamedTuple):
     """What all sensors said of one stretch of time; NaN where one said nothing.
 
+    Single numbers: for some wheels, Python is faster with them than numpy.
+
     Attributes:
         begin, end: Stamps, UTC ns.
-        heading: Direction of each wheel in the middle of the step, rad to the left of forward,
-            shape (n,); only steered wheels have one.
-        steered: How far each wheel was steered meanwhile, rad, shape (n,).
-        wheel_rate: Mean rolling rate, rad/s, shape (n,).
-        gyro_rate: Mean rate of each gyro, about the robot's z axis, rad/s, shape (g,).
+        heading: Direction of each wheel in the middle of the step, rad to the left of forward;
+            only steered wheels have one.
+        steered: How far each wheel was steered meanwhile, rad.
+        wheel_rate: Mean rolling rate of each wheel, rad/s.
+        gyro_rate: Mean rate of each gyro, about the robot's z axis, rad/s.
     """
 
     begin: int
     end: int
-    heading: Floats
-    steered: Floats
-    wheel_rate: Floats
-    gyro_rate: Floats
+    heading: list[float]
+    steered: list[float]
+    wheel_rate: list[float]
+    gyro_rate: list[float]
 
     @property
     def seconds(self) -> float:
@@ -205,25 +204,24 @@ class Alignment:
         end = self._next_end(begin)
         if end is None or not self._covered(end):
             return None
-        n, seconds = self._n, (end - begin) / 1e9
-        # Filled as one list: numpy is slow with single numbers, and each array costs anew.
-        values = [math.nan] * (3 * n + len(self._gyros))
+        seconds = (end - begin) / 1e9
+        nothing = [math.nan] * self._n
+        heading, steered, wheel_rate = nothing, nothing.copy(), nothing.copy()
         for i, joint, track in self._steering:
             angle, turned = track.pass_by(begin, end)
             if turned is not None and angle is not None:
-                values[i] = joint.sign * (angle + turned / 2) + joint.offset
-                values[n + i] = joint.sign * turned
+                heading[i] = joint.sign * (angle + turned / 2) + joint.offset
+                steered[i] = joint.sign * turned
         for i, joint, track in self._rolling:
             turned = track.pass_by(begin, end)[1]
             if turned is not None:
-                values[2 * n + i] = joint.sign * turned / seconds
-        for i, gyro in enumerate(self._gyros.values(), 3 * n):
+                wheel_rate[i] = joint.sign * turned / seconds
+        gyro_rate = []
+        for gyro in self._gyros.values():
             turned = gyro.track.pass_by(begin, end)[1]
-            if turned is not None:
-                values[i] = turned / seconds
+            gyro_rate.append(math.nan if turned is None else turned / seconds)
         self._done = end
-        every = np.array(values)
-        return Step(begin, end, every[:n], every[n : 2 * n], every[2 * n : 3 * n], every[3 * n :])
+        return Step(begin, end, heading, steered, wheel_rate, gyro_rate)
 
     def _next_end(self, begin: int) -> int | None:
         """Where the next step ends: at a sample of the first driven wheel that is not absent."""

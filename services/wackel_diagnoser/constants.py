@@ -196,7 +196,9 @@ class Constants:
         """
         rows, ends = self._rows, [(block[0], block[-1]) for block in blocks]
         seconds = np.array([[(last.step.end - first.step.end) / 1e9] for first, last in ends])
-        turned = np.array([last.step.heading - first.step.heading for first, last in ends])
+        turned = np.array(
+            [[*map(sub, last.step.heading, first.step.heading)] for first, last in ends]
+        )
         turned = _known(turned.take(self._slide_wheels, axis=1))
         speeds = [(first.target.speed, last.target.speed) for first, last in ends]
         faster = np.array([[*map(sub, last, first)] for first, last in speeds])

@@ -83,7 +83,7 @@ class Display:
         judged = self._paper.judge(
             step.heading,
             step.wheel_rate,
-            target.goal if target.known else step.heading.tolist(),
+            target.goal if target.known else step.heading,
             target.twist,
             sum(gyro) / len(gyro) if gyro else math.nan,
         )

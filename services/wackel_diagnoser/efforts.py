@@ -127,8 +127,9 @@ class Efforts:
                 effort = servo.load
             # What is read now and then, as temperatures are, says nothing of it.
             if effort is not None or servo.position is not None or servo.velocity is not None:
-                known = effort is not None and -MOST < effort < MOST
-                current[at] = sign * effort if known else math.nan
+                if effort is None or not -MOST < effort < MOST:
+                    effort = math.nan
+                current[at] = sign * effort
                 read[at] = self._newest = stamp
             on = servo.torque_enabled
             if on is not None and at < len(torque) and on is not torque[at]:

@@ -109,7 +109,7 @@ def observe(block: Block, rows: Rows) -> Observed:
     current = np.array([current for _, _, _, current in block[:-1]])
     between, intervals = 0.5 * (rolled[:-1] + rolled[1:]), len(block) - 1
     yaw = (np.add.reduce(yaws, axis=1) / yaws.shape[1]).tolist()
-    late = rows.lag_s / seconds * (last.heading - first.heading)
+    late = rows.lag_s / seconds * np.subtract(last.heading, first.heading)
     each = np.array([(step.heading, target.heading, target.speed) for step, target, _, _ in block])
     heading, told, speed = np.add.reduce(each) / len(block)
     begin, end = each[0, 2], each[-1, 2]

@@ -51,7 +51,7 @@ class History:
     def steering_frozen(self, wheel: int, since: int) -> bool:
         """Whether a steering stood although it was told to move."""
         told = [each.target.heading[wheel] for each in self._since(since)]
-        shown = [float(each.step.heading[wheel]) for each in self._since(since)]
+        shown = [each.step.heading[wheel] for each in self._since(since)]
         if not told:
             return False
         moved, followed = _spread(told), _spread(shown)
@@ -60,8 +60,7 @@ class History:
     def off(self, wheel: int, since: int) -> float:
         """Mean of how far a steering stands off its reference, rad; 0 if unknown."""
         apart = [
-            float(each.step.heading[wheel] - each.target.heading[wheel])
-            for each in self._since(since)
+            each.step.heading[wheel] - each.target.heading[wheel] for each in self._since(since)
         ]
         known = [each for each in apart if math.isfinite(each)]
         return sum(known) / len(known) if known else 0.0

@@ -123,9 +123,8 @@ class Isolability:
         rates = np.full(drive.n, np.nan)
         rates[drive.roll_wheels] = motion.wheel_rate[drive.roll_wheels]
         nanoseconds, still = round(1e9 / RATE), [0.0] * drive.n
-        step = Step(
-            0, nanoseconds, heading, np.array(still), rates, np.full(len(self._gyros), twist[2])
-        )
+        gyros = [twist[2]] * len(self._gyros)
+        step = Step(0, nanoseconds, heading.tolist(), still, rates.tolist(), gyros)
         speed = (drive.roll_radius * motion.wheel_rate[drive.roll_wheels]).tolist()
         on_time = [0.0] * len(speed)
         target = Target(

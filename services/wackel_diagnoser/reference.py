@@ -145,7 +145,7 @@ class Reference:
         if since is None or not 0 <= step.begin - since <= FRESH_NS:
             self._known = False
             return self._unknown
-        heading = step.heading.tolist()
+        heading = step.heading
         if not self._known:
             self._start(heading)
         n, dt, goal, state, halves = self._n, step.seconds, self._goal, self._state, self._halves
@@ -255,7 +255,7 @@ class Reference:
 
     def _learn(self, heading: list[float], step: Step, learnt_s: float) -> None:
         """Which lags the measurements follow."""
-        n, rates = self._n, step.wheel_rate.tolist()
+        n, rates = self._n, step.wheel_rate
         shown = self._state[:n]  # one that does not steer stands as it should
         for i in self._steered:
             shown[i] = heading[i] - math.pi * self._halves[i]
@@ -269,7 +269,7 @@ class Reference:
     def _learn_steering_rate(self, step: Step) -> None:
         """How fast the steering can turn: whatever is wrong, as one has turned, so it can; but a
         reading that jumps, which lasts one step, is no turn."""
-        before, self._turned_before = self._turned_before, (step.steered.tolist(), step.seconds)
+        before, self._turned_before = self._turned_before, (step.steered, step.seconds)
         turned, seconds = self._turned_before
         most = self._steering_rate * seconds
         if max(turned) <= most and min(turned) >= -most:  # not so if the first is not known

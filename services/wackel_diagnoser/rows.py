@@ -259,15 +259,15 @@ class Rows:
         """
         drive, dt, steered = self._drive, step.seconds, self._steered
         # Single numbers: for some wheels, Python is faster with them than numpy.
-        heading, turns = step.heading.tolist(), step.steered.tolist()
+        heading, turns = step.heading, step.steered
         late, zeros = self.lag_s / dt, self._zeros
         stands = self._mounted.copy()
         for i in steered:
             stands[i] = heading[i] + zeros[i] - late * turns[i]
         lag = [abs(turns[i]) * (STEERING_LAG_S / dt) for i in steered]
-        rates = step.wheel_rate.tolist()
+        rates = step.wheel_rate
         rolled = [rates[i] * radius for i, radius in self._radius_of]
-        turning = [*map(sub, step.gyro_rate.tolist(), bias.tolist())]
+        turning = [*map(sub, step.gyro_rate, bias.tolist())]
         # One sum tells whether anything is missing, which is rare.
         whole = math.isfinite(sum(stands) + sum(lag) + sum(rolled) + sum(turning))
         if target.known:

@@ -104,7 +104,7 @@ class Soundness:
                 turned = abs(target.heading[part.wheel] - before[part.wheel])
                 # Half turns are the same direction.
                 self._travelled += turned if turned < 1.0 else 0.0
-                moved = abs(float(step.heading[part.wheel] - self._heading_then[part.wheel]))
+                moved = abs(step.heading[part.wheel] - self._heading_then[part.wheel])
                 shows &= max(self._travelled, moved) > TRAVELLED_RAD
             if part.row >= 0 and measured.present[part.row]:
                 off, known = float(measured.z[part.row]), float(variance[part.row])

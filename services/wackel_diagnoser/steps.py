@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 
 from wackel_drive.layout import Layout
-from wackel_kinematics.array import Floats
 from wackel_kinematics.candidates import Candidates
 from wackel_kinematics.signatures import as_text, drive_signatures, steering_signatures
 from wackel_schemas import component
@@ -76,8 +75,8 @@ class PaperSteps:
 
     def judge(
         self,
-        heading: Floats,
-        rate: Floats,
+        heading: Sequence[float],
+        rate: Sequence[float],
         goal: Sequence[float],
         command: Sequence[float],
         yaw: float,
@@ -85,18 +84,18 @@ class PaperSteps:
         """The steps for one moment.
 
         Args:
-            heading: Measured directions of the wheels, rad, shape (n,); NaN of those that are not
-                known, or do not steer.
-            rate: Measured wheel rates, rad/s, shape (n,).
+            heading: Measured directions of the wheels, rad; NaN of those that are not known, or do
+                not steer.
+            rate: Measured wheel rates, rad/s.
             goal: Directions that were commanded, for Step I; NaN where they are not known.
             command: The commanded twist; NaN if none is known.
             yaw: What the gyro shows, rad/s; NaN if there is none.
         """
         candidates, drive = self._candidates, self._drive
-        both = heading.tolist(), goal
+        both = heading, goal
         whole = math.isfinite(sum(map(sum, both)))
         rows, aimed = drive.known_rows(*both) if whole else drive.rows_along(np.array(both))
-        twists = candidates.twists(rows, drive.values(rate)).tolist()
+        twists = candidates.twists(rows, drive.values(np.array(rate))).tolist()
         at_contact, coincident = (kind.tolist() for kind in candidates.singularities(aimed))
         left = [
             not (a or b) and math.isfinite(twist[0])

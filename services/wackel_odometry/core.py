@@ -100,7 +100,7 @@ class Odometer:
         self._examined: int | None = None
         self._silent = False  # the wheels are, and it has been told
         self._told = 0
-        self._gyro_rate = np.full(len(settings), np.nan)  # in the latest step
+        self._gyro_rate = [math.nan] * len(settings)  # in the latest step
         self._lost = ""
 
     def bus_state(self, bus: str, state: BusState) -> list[Message]:
@@ -191,7 +191,8 @@ class Odometer:
     def _step(self, step: Step) -> Odometry:
         useless = [not watch.usable(step) for watch in self._gyros.values()]
         if any(useless):
-            step = step._replace(gyro_rate=np.where(useless, np.nan, step.gyro_rate))
+            rates = zip(step.gyro_rate, useless, strict=True)
+            step = step._replace(gyro_rate=[math.nan if no else rate for rate, no in rates])
         estimator = self._filter
         estimator.seconds = step.seconds
         estimator.predict()
@@ -399,7 +400,7 @@ class Odometer:
     def _silence(self, now: int) -> list[Message]:
         """Says now and then, on the gyros' time, that the wheels say nothing."""
         done, latest = self._alignment.done, self._latest
-        if done is None or latest is None or not np.isfinite(self._gyro_rate).any():
+        if done is None or latest is None or not any(map(math.isfinite, self._gyro_rate)):
             return []
         if now - done < SILENT_NS or (self._silent and 0 <= now - self._told < TELL_NS):
             return []

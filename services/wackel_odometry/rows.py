@@ -137,9 +137,9 @@ class Rows:
         """
         drive, dt, count = self._drive, step.seconds, len(self.names)
         # Single numbers: for some wheels, Python is faster with them than numpy.
-        rates, told, turned = step.wheel_rate.tolist(), step.heading.tolist(), step.steered.tolist()
+        rates, told, turned = step.wheel_rate, step.heading, step.steered
         rolled = [radius * rates[i] for i, radius in self._radius_of]
-        turning = step.gyro_rate.tolist()
+        turning = step.gyro_rate
         heading = self._mounted.copy()
         for i in self._steered:
             heading[i] = told[i]

@@ -41,7 +41,7 @@ class Standstill:
     def __init__(self, roll_wheels: Ints, encoder_step: float, noise_density: Floats) -> None:
         self.wheels_s = 0.0
         self._gyros_s = 0.0
-        self._wheels = roll_wheels
+        self._wheels: list[int] = roll_wheels.tolist()
         self._tremble = TREMBLE * encoder_step
         self._density = noise_density.tolist()
         self._turned = [0.0] * len(roll_wheels)
@@ -56,10 +56,10 @@ class Standstill:
             believed: Which of the roll wheels are not excluded, in their order.
         """
         seconds = step.seconds
-        rates = step.wheel_rate.take(self._wheels).tolist()
+        rates = [step.wheel_rate[i] for i in self._wheels]
         still = self._still(rates, believed, seconds)
         self.wheels_s = self.wheels_s + seconds if still else 0.0
-        quiet = self._quiet(step.gyro_rate.tolist(), seconds)
+        quiet = self._quiet(step.gyro_rate, seconds)
         self._gyros_s = self._gyros_s + seconds if quiet else 0.0
         return min(self.wheels_s, self._gyros_s) >= LEAST_S
 

@@ -23,7 +23,7 @@ class Straight:
         self.reference = Reference(layout, config)
         self._radius = float(layout.drive.roll_radius[0])
         self._n = layout.drive.n
-        self._heading = np.where(layout.drive.steers, 0.0, np.nan)
+        self._heading: list[float] = np.where(layout.drive.steers, 0.0, np.nan).tolist()
         self._speed = 0.0
         self._now_ns = 1_000_000_000
 
@@ -35,9 +35,9 @@ class Straight:
             moved = -missing * math.expm1(-STEP_S / lag_s)
             mean = speed - lag_s / STEP_S * moved
             self._speed += moved
-            rate = np.full(self._n, mean / self._radius)
+            rate = [mean / self._radius] * self._n
             self.reference.command(TwistCommand(stamp=begin, vx=speed, vy=0.0, omega=0.0))
-            step = Step(begin, self._now_ns, self._heading, self._heading, rate, np.zeros(1))
+            step = Step(begin, self._now_ns, self._heading, self._heading, rate, [0.0])
             self.reference.step(step, STEP_S)
 
     def shuttle(self, seconds: float, lag_s: float) -> None:

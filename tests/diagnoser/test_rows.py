@@ -44,7 +44,8 @@ class Moving:
         if lost is not None:
             heading[lost] = steered[lost] = rate[lost] = np.nan
         begin, self._end = self._end, self._end + STEP_NS
-        step = Step(begin, self._end, heading, steered, rate, np.array([yaw]))
+        each = heading.tolist(), steered.tolist(), rate.tolist()
+        step = Step(begin, self._end, *each, [yaw])
         target = self.reference.step(step, 0.0)
         loads = [load, *[0.0] * (len(drive.roll_wheels) - 1)]
         measured = self.rows.measure(step, target, np.zeros(1), lambda _: loads)
@@ -129,13 +130,13 @@ def test_the_robot_goes_on_as_it_did_long_after_wheels_point_elsewhere() -> None
     """At 1.5 m/s they turn by 57° in 0.1 s; tyres need 0.2 s for what that asks of them."""
     moving = Moving(steered_drive(3))
     moving.command()
-    target = moving.shown().target._replace(speed=np.full(3, 1.5))
+    target = moving.shown().target._replace(speed=[1.5] * 3)
     skids = []
     for angle in [*[0.0] * 30, *np.linspace(0.0, 1.0, 11), *[1.0] * 30]:
         begin, end = STEP_NS * len(skids), STEP_NS * (len(skids) + 1)
-        rate = 1.5 / moving.layout.drive.roll_radius
-        step = Step(begin, end, np.full(3, angle), np.zeros(3), rate, np.zeros(1))
-        told = target._replace(heading=np.full(3, angle), turned=np.zeros(3))
+        rate = (1.5 / moving.layout.drive.roll_radius).tolist()
+        step = Step(begin, end, [angle] * 3, [0.0] * 3, rate, [0.0])
+        told = target._replace(heading=[angle] * 3, turned=[0.0] * 3)
         skids.append(moving.rows.measure(step, told, np.zeros(1), lambda _: [0.0] * 3).creep)
     turned = 30 + 10
     assert skids[29] < 0.001

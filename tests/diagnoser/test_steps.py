@@ -29,7 +29,7 @@ def judged(
     rate = motion.wheel_rate * np.array([others, others, rate_of_3])
     beta = motion.steering + np.array([0.0, 0.0, beta_off])
     goal = drive.heading(motion.steering).tolist()
-    return PaperSteps(layout).judge(drive.heading(beta), rate, goal, command, yaw)
+    return PaperSteps(layout).judge(drive.heading(beta).tolist(), rate.tolist(), goal, command, yaw)
 
 
 def test_nothing_wrong_gives_the_signature_of_zeros() -> None:
@@ -66,8 +66,8 @@ def test_a_pair_whose_axles_coincide_is_left_out() -> None:
     ahead = (0.5, 0.0, 0.0)
     motion = inverse(drive, np.array(ahead), drive.steering(np.zeros(4)))
     steps = PaperSteps(layout)
-    heading = drive.heading(motion.steering)
-    found = steps.judge(heading, motion.wheel_rate, heading.tolist(), ahead, 0.0)
+    heading = drive.heading(motion.steering).tolist()
+    found = steps.judge(heading, motion.wheel_rate.tolist(), heading, ahead, 0.0)
     assert any(found.coincident)
     assert not any(map(and_, found.deviates, found.coincident))
     assert "(B)" in found.texts["I"]
