@@ -30,7 +30,7 @@ class Display:
         hypotheses: What a verdict may be.
         rows: How measurements are numbered.
         bank: Which evaluates them.
-        sensors: How large residuals usually are.
+        scaling: How large residuals usually are, by sensors and by manoeuvres.
         sequential: How likely each hypothesis is.
         reference: What the wheels should do.
     """
@@ -42,7 +42,7 @@ class Display:
         rows: Rows,
         *,
         bank: Bank,
-        sensors: Scaling,
+        scaling: Scaling,
         sequential: Sequential,
         reference: Reference,
     ) -> None:
@@ -54,7 +54,7 @@ class Display:
         self._tells = np.array([[each == one for each in told] for one in self._told], dtype=float)
         self._rows = rows
         self._bank = bank
-        self._sensors = sensors
+        self._scaling = scaling
         self._sequential = sequential
         self._reference = reference
 
@@ -73,7 +73,7 @@ class Display:
         twist = self._bank.covariance().dot(self._bank.right())
         off = (measured.z - measured.h.dot(twist)).tolist()
         sigma = np.sqrt(variance).tolist()
-        scale = np.sqrt(self._sensors.factors).tolist()
+        scale = np.sqrt(self._scaling.factors[0]).tolist()
         probabilities = self._tells.dot(self._sequential.posterior()).tolist()
         told = zip(probabilities, self._told, strict=True)
         likeliest = sorted(told, key=itemgetter(0), reverse=True)[:SHOWN]

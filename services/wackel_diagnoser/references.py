@@ -114,7 +114,7 @@ class ReferenceErrors:
         self._cases = cases
         self._power = SlipPower()
         self._before: Motion | None = None
-        self._scaling = Scaling(2 + n, first=3.0, least=1.0)
+        self._scaling = Scaling(np.full(2 + n, 3.0), least=1.0)
         self._worst = np.array((WORST_YAW, *[WORST_ROLL] * n, math.inf))
         # From each direction, of each wheel's errors, and of a floor that costs as much.
         self._from = np.zeros((len(DIRECTIONS), n + 1, len(SIZES)))

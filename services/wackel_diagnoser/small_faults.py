@@ -150,7 +150,7 @@ class SmallFaults:
         self._forced[constants.kinds[0]] = FORCED**2
         self._forced[constants.gyro] = FORCED_YAW**2
         self._forced /= max(rows.gyros.stop - 3, 1)
-        self._scaling = Scaling(constants.count, first=2.0, least=0.05)
+        self._scaling = Scaling(np.full(constants.count, 2.0), least=0.05)
         # Takes means over parameters of the same kind.
         self._alike = np.zeros((constants.count, constants.count))
         for kind in constants.kinds:
