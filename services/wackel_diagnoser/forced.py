@@ -254,13 +254,13 @@ class ForcedMotion:
         """How the robot moves.
 
         Args:
-            heading: Of each wheel, rad, in each of K cases, shape (K, n).
+            heading: Of each wheel, rad, finite, in each of K cases, shape (K, n).
             speed: At which each wheel is told to roll, m/s, shape (n,).
             acceleration: Commanded, in the robot frame, shape (3,).
             before: The same cases a moment ago.
         """
         n, stiffness = self._n, self._stiffness
-        rows = self._drive.rows_along(heading)
+        rows = self._drive.many_known_rows(heading)
         across = rows.swapaxes(1, 2)
         # The rows beside what they show, as the normal equations beside their right sides.
         known = np.zeros((*rows.shape[:2], 4))
