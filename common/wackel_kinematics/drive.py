@@ -153,8 +153,23 @@ class Drive:
         for each in headings:
             both += map(math.cos, each)
             both += map(math.sin, each)
-        rows: Floats = np.array(both).reshape(len(headings), -1).dot(self._by_both)
-        return rows.reshape(len(headings), -1, 3)
+        return self._turned(np.array(both).reshape(len(headings), -1))
+
+    def many_known_rows(self, headings: Floats) -> Floats:
+        """As :meth:`known_rows`, of so many headings that numpy is faster with them.
+
+        Args:
+            headings: Each of all wheels, fixed or not, and finite, rad, shape (K, n).
+
+        Returns:
+            Shape (K, R, 3).
+        """
+        return self._turned(np.concatenate((np.cos(headings), np.sin(headings)), axis=1))
+
+    def _turned(self, both: Floats) -> Floats:
+        """Rows, from the cosines of all wheels and then their sines, shape (K, 2 n)."""
+        rows: Floats = both.dot(self._by_both)
+        return rows.reshape(len(both), -1, 3)
 
     def values(self, wheel_rate: Floats) -> Floats:
         """What the rows times ξ equal: 0 for slide rows, r φ̇ for roll rows (eq. 5 and 6).

@@ -8,7 +8,7 @@ eliminated, so that wheels and gyros are compared with each other only.
 
 import math
 from collections.abc import Mapping, Sequence
-from itertools import accumulate, chain, pairwise
+from itertools import accumulate, pairwise
 from operator import sub
 from typing import NamedTuple
 
@@ -124,7 +124,10 @@ class Constants:
             )
         )
         self.prior: Floats = sigma**-2
-        self._slide_wheels = drive.slide_wheels
+        self._slide_wheels = slides
+        # Where what is of single numbers stands among those of a block.
+        ends = np.cumsum([0, 1, len(slides), len(rolls), len(rolls), len(rolls)])
+        self._columns = [slice(a, b) for a, b in pairwise(ends.tolist())]
         # What rolls under each slide row; what does not roll by itself tells nothing of direction.
         self._under: Floats = np.equal.outer(rolls, slides).astype(np.float64)
         self._noise = np.full(rows.count, SLIP_M_S**2)
@@ -137,11 +140,10 @@ class Constants:
         self._causes = np.zeros((rows.count, self.count + 1))
         self._causes[rows.gyros, self.gyro] = np.eye(len(self.gyro))
         self._causes[rows.steering, self.stands] = np.eye(len(self.stands))
-        every = np.arange(rows.count)
-        self._by_speed = np.concatenate(
-            [every[rows.slides], every[rows.rolls], every[rows.rolling]]
-        )
-        self._own = np.array([*self.direction, *self.scale, *self.off], dtype=np.intp)
+        # Where the rows by a wheel's speed have theirs, among all causes one after the other.
+        self._own_direction = self._own(rows.slides, self.direction)
+        self._own_scale = self._own(rows.rolls, self.scale)
+        self._own_off = self._own(rows.rolling, self.off)
 
     def equations(self, blocks: Sequence[Sequence[Shown]]) -> Floats:
         """Of blocks of several steps each.
@@ -152,24 +154,24 @@ class Constants:
         rows, lengths = self._rows, [*map(len, blocks)]
         starts, counts = [0, *accumulate(lengths[:-1])], np.array(lengths)[:, None]
 
-        def mean(values: Sequence[Floats | Sequence[float]]) -> Floats:
+        def mean(values: Sequence[Floats]) -> Floats:
             """By block, of a value of each step."""
-            return np.asarray(np.add.reduceat(np.array(values), starts) / counts)
+            joined = np.concatenate(values).reshape(len(values), -1)
+            return np.asarray(np.add.reduceat(joined, starts) / counts)
 
-        steps = [*chain.from_iterable(blocks)]
-        measured = [shown.measured for shown in steps]
-        z, yielded = mean([each.z for each in measured]), mean([each.yielded for each in measured])
+        measured = [shown.measured for block in blocks for shown in block]
+        z = mean([each.z for each in measured])
         h = mean([each.h.ravel() for each in measured]).reshape(*z.shape, 3)
-        current = _known(mean([shown.current for shown in steps]))
-        present = rows.every
-        if not all(each.present is present for each in measured):  # as mostly
-            present = np.logical_and.reduceat([each.present for each in measured], starts)
-        causes, bent = self._caused(blocks, z, yielded, current)
+        causes, bent = self._caused(blocks, z)
 
         loose = [block[len(block) // 2].measured.loose for block in blocks]
         variance = self._noise + self._longer * loose
-        variance[:, : rows.gyros.stop] += bent[:, None]
-        weight = (present / variance)[:, :, None]
+        on_twist = variance[:, : rows.gyros.stop]
+        on_twist += bent[:, None]
+        weight = np.reciprocal(variance)
+        if not all(each.present is rows.every for each in measured):  # as mostly
+            weight *= np.logical_and.reduceat([each.present for each in measured], starts)
+        weight = weight[:, :, None]
         # Of references nothing is eliminated: their h is 0.
         weighted = h * weight
         across = weighted.swapaxes(1, 2)
@@ -180,40 +182,33 @@ class Constants:
         width = self.count + 1
         return np.asarray(causes.reshape(-1, width)[:, :-1].T @ by_cause.reshape(-1, width))
 
-    def _caused(
-        self, blocks: Sequence[Sequence[Shown]], z: Floats, yielded: Floats, current: Floats
-    ) -> tuple[Floats, Floats]:
+    def _caused(self, blocks: Sequence[Sequence[Shown]], z: Floats) -> tuple[Floats, Floats]:
         """What rows show, and what parameters cause of it.
 
         Args:
             blocks: B of them, as above.
-            z, yielded, current: Their means, shapes (B, M), (B, roll rows) and (B, roll rows).
+            z: Their means, shape (B, M).
 
         Returns:
             By how much each parameter (but ``askew``) changes each row, and in the last column
             what the row shows, shape (B, M, P + 1); and the variance that turning wheels add to
             rows on the twist, shape (B,).
         """
-        rows, ends = self._rows, [(block[0], block[-1]) for block in blocks]
-        seconds = np.array([[(last.step.end - first.step.end) / 1e9] for first, last in ends])
-        turned = np.array(
-            [[*map(sub, last.step.heading, first.step.heading)] for first, last in ends]
-        )
-        turned = _known(turned.take(self._slide_wheels, axis=1))
-        speeds = [(first.target.speed, last.target.speed) for first, last in ends]
-        faster = np.array([[*map(sub, last, first)] for first, last in speeds])
-        faster = _known(faster / seconds)
+        rows, numbers = self._rows, np.array([self._numbers(block) for block in blocks])
+        seconds, turned, faster, current, yielded = (numbers[:, each] for each in self._columns)
         causes = np.empty((len(blocks), *self._causes.shape))
         causes[:] = self._causes
-        seen, rolled = causes[:, :, -1], z[:, rows.rolls]
-        own = rolled @ self._under
+        by_row, seen, rolled = causes.reshape(len(blocks), -1), causes[:, :, -1], z[:, rows.rolls]
+        own = rolled.dot(self._under)
         lag = own * turned / seconds
         seen[:] = z
-        seen[:, rows.slides] += rows.lag_s * lag
-        seen[:, rows.gyros] += [block[len(block) // 2].bias for block in blocks]
-        off = seen[:, rows.rolling]
+        sliding, turning, off = seen[:, rows.slides], seen[:, rows.gyros], seen[:, rows.rolling]
+        sliding += rows.lag_s * lag
+        turning += [block[len(block) // 2].bias for block in blocks]
         off += yielded
-        causes[:, self._by_speed, self._own] = np.concatenate((-own, rolled, rolled - off), axis=1)
+        by_row[:, self._own_direction] = -own
+        by_row[:, self._own_scale] = rolled
+        by_row[:, self._own_off] = rolled - off
         causes[:, rows.slides, self.steering_lag] = lag
         causes[:, rows.rolls, self.rolling_lag] = faster
         causes[:, rows.rolling, self.gives_way] = -current
@@ -222,8 +217,32 @@ class Constants:
         bent = own * turned * turned / 12.0
         return causes, np.asarray(np.vecdot(bent, bent))
 
+    def _numbers(self, block: Sequence[Shown]) -> list[float]:
+        """Of a block, from the end of its first step to that of its last: how long it takes, s; by
+        how much each slide row's wheel turns, rad, and each rolling one becomes faster, m/s²; and
+        means of currents and of what was yielded. 0 in place of what is missing.
 
-def _known(values: Floats) -> Floats:
-    """The same, with 0 in place of what is missing."""
-    values[np.isnan(values)] = 0.0
-    return values
+        Single numbers: for some wheels, Python is faster with them than numpy.
+        """
+        first, last = block[0], block[-1]
+        seconds = (last.step.end - first.step.end) / 1e9
+        before, after = first.step.heading, last.step.heading
+        numbers = (
+            seconds,
+            *[after[i] - before[i] for i in self._slide_wheels],
+            *[each / seconds for each in map(sub, last.target.speed, first.target.speed)],
+            *_mean([shown.current for shown in block]),
+            *_mean([shown.measured.yielded for shown in block]),
+        )
+        return [each if math.isfinite(each) else 0.0 for each in numbers]
+
+    def _own(self, rows: slice, parameters: range) -> slice:
+        """Where each of some rows has a parameter of its own, among all rows' causes."""
+        width = self.count + 1
+        first = rows.start * width + parameters.start
+        return slice(first, first + len(parameters) * (width + 1), width + 1)
+
+
+def _mean(steps: Sequence[Sequence[float]]) -> list[float]:
+    """Of each column."""
+    return [sum(each) / len(steps) for each in zip(*steps, strict=True)]

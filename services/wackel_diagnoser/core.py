@@ -54,9 +54,18 @@ CALM = 1 / 3
 LEAST_FORCED = 0.33
 """Of the variance of what a manoeuvre adds, however little most of them do: slip that references
 force is then about two standard deviations where one wheel takes all of it."""
+LEAST_LEFT = 0.1
+"""Share of its variance that is left of a row's residual by what the estimate took from it, below
+which it tells nothing."""
 ACQUAINTED_S = 3.0
 """Of driving, in which lags and noise are learnt and no verdict is passed: half a dozen changes of
 speed."""
+
+
+# Of numpy's own kind: it takes longer for a number of Python's.
+_HALF, _LEAST_LEFT = map(np.array, (0.5, LEAST_LEFT))
+_MANOEUVRE = np.array([[False], [True]])
+"""Which of the scalings a step teaches whose variance is mostly of its manoeuvre."""
 
 
 class Diagnoser:
@@ -82,8 +91,11 @@ class Diagnoser:
         rows = self._rows = Rows(layout, config, gyros)
         hypotheses = Hypotheses(layout, gyros)
         self._bank = Bank(hypotheses.spread)
-        self._sensors = Scaling(rows.count, first=9.0, least=0.3)
-        self._manoeuvre = Scaling(rows.count, first=1.0, least=LEAST_FORCED)
+        # Of sensors, and of what manoeuvres add: in one, as numpy takes long to be called.
+        self._scaling = Scaling(
+            np.repeat([[9.0], [1.0]], rows.count, axis=1), least=np.array([[0.3], [LEAST_FORCED]])
+        )
+        self._sensors, self._manoeuvre = self._scaling.factors
         limit = threshold(len(hypotheses), RATE)
         self._sequential = Sequential(hypotheses.prior, hypotheses.explanation, limit)
         self._small = SmallFaults(layout, config, rows, gyros)
@@ -117,7 +129,7 @@ class Diagnoser:
             hypotheses,
             rows,
             bank=self._bank,
-            sensors=self._sensors,
+            scaling=self._scaling,
             sequential=self._sequential,
             reference=self._reference,
         )
@@ -184,9 +196,9 @@ class Diagnoser:
         target = self._reference.step(step, learnt_s)
         loads = partial(self._efforts.loads, seconds, target.speed)
         measured = rows.measure(step, target, self._bias.value, loads)
-        variance = measured.base * self._sensors.factors
+        variance = measured.base * self._sensors
         variance += measured.fixed
-        variance += measured.loose * self._manoeuvre.factors
+        variance += measured.loose * self._manoeuvre
         variance += self._unsure
         likelihood = self._bank.evaluate(measured.z, measured.h, variance, measured.size)
         sequential.step(likelihood, seconds)
@@ -243,17 +255,18 @@ class Diagnoser:
         spread = measured.h.dot(covariance)
         off = measured.z - spread.dot(self._bank.right())
         # What the estimate took from a row itself does not show in its residual.
-        left = 1.0 - np.vecdot(spread, measured.h) / variance
-        seen = measured.present & (left > 0.1)
-        left = np.maximum(left, 0.1)
+        left, least = variance - np.vecdot(spread, measured.h), _LEAST_LEFT * variance
+        seen = measured.present & (left > least)
+        np.maximum(left, least, out=left)
         if moving:
-            squares = off * off / (variance * left)
+            squares = off * off / left
             # A step teaches of what its variance is mostly made of.
-            loose = measured.loose * self._manoeuvre.factors > 0.5 * variance
-            self._sensors.learn(squares * self._sensors.factors, seen & ~loose, seconds)
-            self._manoeuvre.learn(squares * self._manoeuvre.factors, seen & loose, seconds)
+            loose = measured.loose * self._manoeuvre > _HALF * variance
+            scaling = self._scaling
+            scaling.learn(squares * scaling.factors, seen & (loose == _MANOEUVRE), seconds)
+            self._sensors, self._manoeuvre = scaling.factors
         g = rows.gyros
-        self._bias.learn(off[g] / left[g], variance[g] / left[g], seen[g], seconds, moving)
+        self._bias.learn(off[g], variance[g], left[g], seen[g], seconds=seconds, moving=moving)
         self._unsure[g] = self._bias.variance
 
     def _watch_gyros(self, end: int, measured: Measured) -> None:

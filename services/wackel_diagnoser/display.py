@@ -29,7 +29,7 @@ class Display:
         hypotheses: What a verdict may be.
         rows: How measurements are numbered.
         bank: Which evaluates them.
-        sensors: How large residuals usually are.
+        scaling: How large residuals usually are, by sensors and by manoeuvres.
         sequential: How likely each hypothesis is.
         reference: What the wheels should do.
     """
@@ -41,7 +41,7 @@ class Display:
         rows: Rows,
         *,
         bank: Bank,
-        sensors: Scaling,
+        scaling: Scaling,
         sequential: Sequential,
         reference: Reference,
     ) -> None:
@@ -54,7 +54,7 @@ class Display:
         self._tells = np.array([self._told.index(each) for each in told])
         self._rows = rows
         self._bank = bank
-        self._sensors = sensors
+        self._scaling = scaling
         self._sequential = sequential
         self._reference = reference
 
@@ -73,7 +73,7 @@ class Display:
         twist = self._bank.covariance().dot(self._bank.right())
         off = (measured.z - measured.h.dot(twist)).tolist()
         sigma = np.sqrt(variance).tolist()
-        scale = np.sqrt(self._sensors.factors).tolist()
+        scale = np.sqrt(self._scaling.factors[0]).tolist()
         probabilities = np.bincount(self._tells, self._sequential.posterior()).tolist()
         numbers = range(len(probabilities))
         likeliest = sorted(numbers, key=probabilities.__getitem__, reverse=True)[:SHOWN]

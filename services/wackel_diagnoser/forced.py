@@ -9,7 +9,7 @@ the slip (iteratively reweighted least squares).
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -67,8 +67,7 @@ def can_force(drive: Drive) -> bool:
     return len(drive.slide_wheels) == len(drive.roll_wheels) == drive.n and bool(drive.steers.all())
 
 
-@dataclass(frozen=True)
-class Observed:
+class Observed(NamedTuple):
     """Means over a block.
 
     Attributes:
@@ -101,40 +100,50 @@ def is_whole(block: Block, rows: Rows) -> bool:
 def observe(block: Block, rows: Rows) -> Observed:
     """A block of two steps or more, which :func:`is_whole`."""
     (first, _, at_first, _), (last, _, at_last, _) = block[0], block[-1]
-    z = np.array([measured.z for _, _, measured, _ in block])
-    yaws, rolled = z[:, rows.gyros], z[:, rows.rolls]
-    vx, vy, omega = (0.5 * (at_first.followed + at_last.followed)).tolist()
-    seconds = (last.end - first.end) / 1e9
-    # A current is read at a step's end, which lies half way between the middles of two steps.
-    current = np.array([current for _, _, _, current in block[:-1]])
-    between, intervals = 0.5 * (rolled[:-1] + rolled[1:]), len(block) - 1
-    yaw = (np.add.reduce(yaws, axis=1) / yaws.shape[1]).tolist()
-    late = rows.lag_s / seconds * np.subtract(last.heading, first.heading)
-    each = np.array([(step.heading, target.heading, target.speed) for step, target, _, _ in block])
-    heading, told, speed = np.add.reduce(each) / len(block)
+    seconds, intervals = (last.end - first.end) / 1e9, len(block) - 1
+    each = np.array(
+        [
+            [
+                *step.heading,
+                *target.heading,
+                *target.speed,
+                *measured.z[rows.rolls].tolist(),
+                *current,
+            ]
+            for step, target, measured, current in block
+        ]
+    ).reshape(len(block), 5, -1)
+    heading, told, speed, rolled, _ = np.add.reduce(each) / len(block)
     begin, end = each[0, 2], each[-1, 2]
     hastened = float(end.dot(end) - begin.dot(begin))
+    # A current is read at a step's end, which lies half way between the middles of two steps.
+    current, between = each[:-1, 4].ravel(), (0.5 * (each[:-1, 3] + each[1:, 3])).ravel()
+    gyros = [measured.z[rows.gyros].tolist() for _, _, measured, _ in block]
+    yaw = [sum(rates) / len(rates) for rates in gyros]
+    late = rows.lag_s / seconds * np.subtract(last.heading, first.heading)
+    before, after = at_first.followed.tolist(), at_last.followed.tolist()
+    vx, vy, omega = (0.5 * (a + b) for a, b in zip(before, after, strict=True))
+    ax, ay, alpha = ((b - a) / seconds for a, b in zip(before, after, strict=True))
     return Observed(
         heading - late,
         told - late,
         speed + HASTENING_S / seconds * (end - begin),
-        np.add.reduce(rolled) / len(block),
+        rolled,
         sum(yaw) / len(yaw),
-        (at_last.followed - at_first.followed) / seconds + (-omega * vy, omega * vx, 0.0),
-        float(np.vdot(current, between)) / intervals,
+        np.array((ax - omega * vy, ay + omega * vx, alpha)),
+        float(current.dot(between)) / intervals,
         np.array(
             (
-                float(np.vdot(between, between)) / intervals,
+                float(between.dot(between)) / intervals,
                 0.5 * hastened / seconds,
                 0.5 * (yaw[-1] ** 2 - yaw[0] ** 2) / seconds,
-                float(np.add.reduce(np.abs(between), axis=None)) / intervals,
+                float(np.abs(between).sum()) / intervals,
             )
         ),
     )
 
 
-@dataclass(frozen=True)
-class Motion:
+class Motion(NamedTuple):
     """How the robot moves in each of K cases.
 
     Attributes:
@@ -162,6 +171,7 @@ class ForcedMotion:
         self._n = drive.n
         length = drive.length_m
         self._inertia: Floats = np.array([1.0, 1.0, (GYRATION * length) ** 2])
+        self._anyway = np.column_stack((REGULAR, np.zeros(3)))  # of the normal equations
         self._grip = GRIP_M_S2 / drive.n
         self._stiffness = self._grip / GIVES_WAY_M_S
         self._length_m = length
@@ -203,18 +213,20 @@ class ForcedMotion:
             how far the first case misses yaw rate, rolling speeds and power: squares by their
             variances, shape (2 + n,).
         """
-        fast = float(np.abs(seen.speed).max())
-        variance = np.full(2 + self._n, ROLL_M_S**2 + (ROLL_SHARE * fast) ** 2)
-        variance[0] = YAW**2 + (YAW_SHARE * fast / self._length_m) ** 2
-        variance[-1] = (POWER_M2_S3 + POWER_SHARE * fast) ** 2
-        cases = len(motion.yaw)
+        fast, cases = max(map(abs, seen.speed.tolist())), len(motion.yaw)
+        turned = YAW**2 + (YAW_SHARE * fast / self._length_m) ** 2
+        rolled = ROLL_M_S**2 + (ROLL_SHARE * fast) ** 2
+        variance = np.array((turned, *[rolled] * self._n, (POWER_M2_S3 + POWER_SHARE * fast) ** 2))
         effect = np.zeros((cases + len(costly), 2 + self._n))
-        effect[:cases, 0] = motion.yaw - motion.yaw[0]
-        effect[:cases, 1:-1] = motion.rolled - motion.rolled[0]
-        slipped = np.vecdot(motion.force, motion.rolled)
-        effect[:cases, -1] = slipped - slipped[0]
+        wrong = effect[:cases]
+        wrong[:, 0], wrong[:, 1:-1] = motion.yaw, motion.rolled
+        wrong[:, -1] = np.vecdot(motion.force, motion.rolled)
+        off = wrong[0].copy()
+        wrong -= off
         effect[cases:, -1] = costly
-        off = np.concatenate((motion.yaw[:1] - seen.yaw, motion.rolled[0] - seen.rolled, (-power,)))
+        off[0] -= seen.yaw
+        off[1:-1] -= seen.rolled
+        off[-1] = -power
         squares = off * off / variance
         if not math.isfinite(power):
             off[-1], effect[:, -1] = 0.0, 0.0
@@ -229,7 +241,7 @@ class ForcedMotion:
     def grip_power(self, seen: Observed, angle: Floats) -> Floats:
         """What it would cost by mass if a wheel of the mean speed stood off by each of some angles,
         m²/s³."""
-        speed = float(np.abs(seen.speed).mean())
+        speed = sum(map(abs, seen.speed.tolist())) / self._n
         return np.asarray(self._grip * speed * np.abs(np.sin(angle)))
 
     def predict(
@@ -242,26 +254,30 @@ class ForcedMotion:
         """How the robot moves.
 
         Args:
-            heading: Of each wheel, rad, in each of K cases, shape (K, n).
+            heading: Of each wheel, rad, finite, in each of K cases, shape (K, n).
             speed: At which each wheel is told to roll, m/s, shape (n,).
             acceleration: Commanded, in the robot frame, shape (3,).
             before: The same cases a moment ago.
         """
         n, stiffness = self._n, self._stiffness
-        rows = self._drive.rows_along(heading)
-        across = np.swapaxes(rows, 1, 2)
-        told = np.concatenate((np.zeros(n), speed))
-        creep = CREEP_M_S**2 + (CREEP_SHARE * float(np.abs(speed).max())) ** 2
-        inertia = self._inertia * acceleration
+        rows = self._drive.many_known_rows(heading)
+        across = rows.swapaxes(1, 2)
+        # The rows beside what they show, as the normal equations beside their right sides.
+        known = np.zeros((*rows.shape[:2], 4))
+        known[:, :, :3] = rows
+        known[:, n:, 3] = speed
+        anyway = self._anyway.copy()
+        anyway[:, 3] -= self._inertia * acceleration
+        creep = CREEP_M_S**2 + (CREEP_SHARE * max(map(abs, speed.tolist()))) ** 2
         if before is None:
             weights = np.full((len(heading), 2 * n), stiffness)
             force: Floats = np.zeros(heading.shape)
         else:
             weights, force = before.weights.copy(), before.force
         for left in range(FIRST_ITERATIONS if before is None else ITERATIONS, -1, -1):
-            weighted = across * weights[:, None, :]
-            right = weighted @ told - inertia
-            twist = np.linalg.solve(weighted @ rows + REGULAR, right[:, :, None])
+            normal = (across * weights[:, None, :]) @ known
+            normal += anyway
+            twist = np.linalg.solve(normal[:, :, :3], normal[:, :, 3:])
             over = (rows @ twist)[:, :, 0]
             slower = speed - over[:, n:]
             if left:

@@ -28,19 +28,36 @@ class GyroBias:
         self._wander = [gyro.bias_stability**2 / WANDERING_S for gyro in gyros]
 
     def learn(
-        self, off: Floats, variance: Floats, seen: Bools, seconds: float, moving: bool
+        self,
+        off: Floats,
+        variance: Floats,
+        left: Floats,
+        seen: Bools,
+        *,
+        seconds: float,
+        moving: bool,
     ) -> None:
-        """Takes in by how much each gyro is off what all others say, and the variance of that."""
+        """Takes in a step.
+
+        Args:
+            off: By how much each gyro is off the estimate, in which it is itself, rad/s.
+            variance: Of what each shows, (rad/s)².
+            left: What of that is left of ``off``, (rad/s)².
+            seen: Which of them say anything.
+            seconds: For how long they stand.
+            moving: Whether the robot does.
+        """
         alike = SYSTEMATIC if moving else 1.0
         values, variances = self.value.tolist(), self.variance.tolist()
         # Single numbers: for a gyro or two, Python is faster with them than numpy.
-        for i, (miss, unsure, known) in enumerate(
-            zip(off.tolist(), variance.tolist(), seen.tolist(), strict=True)
-        ):
+        each = zip(off.tolist(), variance.tolist(), left.tolist(), seen.tolist(), strict=True)
+        for i, (miss, whole, part, known) in enumerate(each):
             variances[i] += self._wander[i] * seconds
             if known:
-                noise = max(unsure - variances[i], 1e-12) * alike
+                # By how much it is off what all others say, and the variance of that.
+                others = whole / part
+                noise = max(others * whole - variances[i], 1e-12) * alike
                 gain = variances[i] / (variances[i] + noise)
-                values[i] += gain * miss
+                values[i] += gain * others * miss
                 variances[i] *= 1.0 - gain
         self.value, self.variance = np.array(values), np.array(variances)

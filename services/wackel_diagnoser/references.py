@@ -114,11 +114,12 @@ class ReferenceErrors:
         self._cases = cases
         self._power = SlipPower()
         self._before: Motion | None = None
-        self._scaling = Scaling(2 + n, first=3.0, least=1.0)
+        self._scaling = Scaling(np.full(2 + n, 3.0), least=1.0)
         self._worst = np.array((WORST_YAW, *[WORST_ROLL] * n, math.inf))
         # From each direction, of each wheel's errors, and of a floor that costs as much.
         self._from = np.zeros((len(DIRECTIONS), n + 1, len(SIZES)))
         self._evidence = self._from.sum(axis=0)
+        self._sure = [0.0] * (n + 1)  # the most of each row
         self._directions = DIRECTIONS / np.linalg.norm(DIRECTIONS, axis=1)[:, None]
         self._directions[:, 2] *= layout.drive.length_m
         self._limit = MARGIN * threshold(n * len(SIZES), 1 / BLOCK_S)
@@ -134,9 +135,9 @@ class ReferenceErrors:
     @property
     def suspected(self) -> bool:
         """Whether one explains the motion better than none does, and than the floor."""
-        sure = self._evidence.max(axis=1)
-        most = float(sure[:-1].max())
-        return most > SUSPECTED and most > float(sure[-1]) - CLEAR
+        *sure, floor = self._sure
+        most = max(sure)
+        return most > SUSPECTED and most > floor - CLEAR
 
     def slip_power(self, seen: Observed) -> float:
         """What slip takes of a block's power, by mass, m²/s³; NaN if unknown."""
@@ -182,8 +183,8 @@ class ReferenceErrors:
         if motion is None or not is_whole(block, self._rows):
             self._before = None
             return False
-        turned = np.abs([step.steered for step, _, _, _ in block]).max()
-        if not turned < TURNING_RAD_S * seconds / len(block):
+        turned = np.concatenate([step.steered for step, _, _, _ in block]).tolist()
+        if not max(map(abs, turned)) < TURNING_RAD_S * seconds / len(block):
             return False
         seen = observe(block, self._rows)
         off = np.abs(seen.rolled - seen.speed) - FOLLOWS_SHARE * np.abs(seen.speed)
@@ -207,28 +208,30 @@ class ReferenceErrors:
     def _gather(self, told: Floats, twist: Twist, stands_for: float) -> None:
         """Adds the evidence of a block to that of its direction; what speaks against an error, to
         all."""
-        along = np.abs(self._directions @ twist)
-        if not math.isfinite(float(along.sum())):
+        if not math.isfinite(sum(twist)):
             return
         each = self._from
-        here = each[int(along.argmax())]
+        here = each[int(np.abs(self._directions.dot(twist)).argmax())]
         here *= 1.0 - stands_for / SAME_S
-        here += np.clip(told, 0.0, np.minimum(ONE_MOTION * self._limit - here, MOST_TOLD))
-        total = each.sum(axis=0)
+        most = np.minimum(ONE_MOTION * self._limit - here, MOST_TOLD)
+        here += np.minimum(np.maximum(told, 0.0), most)
+        total = np.add.reduce(each)
         kept = 1.0 - stands_for / MEMORY_S + np.minimum(told, 0.0) / np.maximum(total, 1e-9)
         highest = max(float(total.max()) / (MOST * self._limit), 1.0)
-        each *= np.maximum(kept, 0.0) / highest
-        self._evidence = each.sum(axis=0)
+        kept = np.maximum(kept, 0.0) / highest
+        each *= kept
+        self._evidence = total * kept
+        self._sure = [*map(max, self._evidence.tolist())]
 
     def _look(self) -> WrongZero | None:
         """The error that explains most, if it is sure and clear."""
-        evidence = self._evidence
-        sure = evidence.max(axis=1)
-        wheel = int(sure[:-1].argmax())
+        *sure, floor = self._sure
+        most = max(sure)
+        wheel = sure.index(most)
         known = self.found is not None and self.found.wheel == wheel
         share = 0.5 if known else 1.0
-        if sure[wheel] < share * self._limit:
+        if most < share * self._limit:
             return None
-        if sure[wheel] - np.delete(sure, wheel).max() < share * CLEAR:
+        if most - max(*sure[:wheel], *sure[wheel + 1 :], floor) < share * CLEAR:
             return None
-        return WrongZero(wheel, float(SIZES[evidence[wheel].argmax()]), float(sure[wheel]))
+        return WrongZero(wheel, float(SIZES[self._evidence[wheel].argmax()]), most)

@@ -28,19 +28,18 @@ class Scaling:
     """Scales of the variances.
 
     Args:
-        count: Rows.
-        first: Factor of the variance before driving has shown anything.
-        least: Smallest factor; half a minute of luck shall not make it smaller.
+        first: Factor of each variance before driving has shown anything, of any shape.
+        least: Smallest factor of each, or of all; half a minute of luck shall not make it smaller.
 
     Attributes:
-        factors: Of the variances, shape (M,).
+        factors: Of the variances, shape as of the first.
     """
 
-    def __init__(self, count: int, first: float, least: float) -> None:
-        self._least = np.array(least)
-        self._seconds = np.full(count, TRUST_S)
-        self._fourth = np.full(count, 3.0 * first**2)
-        self.factors: Floats = np.full(count, first)
+    def __init__(self, first: Floats, least: Floats | float) -> None:
+        self._least = np.full(first.shape, least)
+        self._seconds = np.full(first.shape, TRUST_S)
+        self._fourth = 3.0 * first**2
+        self.factors = first
 
     def learn(self, squares: Floats, weight: Bools, seconds: float) -> None:
         """Takes in normalised squares of residuals.
@@ -50,11 +49,15 @@ class Scaling:
             weight: Which of them say anything.
             seconds: For how long they stand.
         """
-        heard = weight * seconds
+        heard = weight * np.array(seconds)
         self._seconds += heard
         np.minimum(self._seconds, _MEMORY_S, out=self._seconds)
-        bounded = np.minimum(squares * squares, _OUTLIER * self._fourth)
+        bounded = squares * squares
+        np.minimum(bounded, _OUTLIER * self._fourth, out=bounded)
         bounded -= self._fourth
-        bounded *= heard / self._seconds
+        heard /= self._seconds
+        bounded *= heard
         self._fourth += bounded
-        self.factors = np.minimum(np.maximum(np.sqrt(self._fourth / _NORMAL), self._least), _MOST)
+        factors = self.factors = np.sqrt(self._fourth / _NORMAL)
+        np.maximum(factors, self._least, out=factors)
+        np.minimum(factors, _MOST, out=factors)

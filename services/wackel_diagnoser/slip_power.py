@@ -56,14 +56,17 @@ class SlipPower:
 
     def learn(self, power: float, causes: Floats, seconds: float) -> None:
         """Takes in a moment in which nothing is wrong."""
-        if not math.isfinite(power + float(causes.sum())):
+        if not math.isfinite(power + sum(causes.tolist())):
             return
         fade = 1.0 - seconds / LONG_S
         self._seconds = fade * self._seconds + seconds
-        self._normal = fade * self._normal + seconds * np.outer(causes, causes)
-        self._right = fade * self._right + seconds * power * causes
+        told = seconds * causes
+        self._normal *= fade
+        self._normal += told[:, None] * causes
+        self._right *= fade
+        self._right += power * told
         self._square = fade * self._square + seconds * power * power
         needs = self._needs = np.asarray(np.linalg.solve(self._normal + REGULAR, self._right))
         left = max(self._square - float(needs.dot(self._right)), 0.0) / self._seconds
-        told = NEW_HZ * float(self._normal[1, 1]) * max(float(needs[1]), 0.0) ** 2
-        self._known = self._seconds > LEARNT_S and told > KNOWN * left
+        accelerated = NEW_HZ * float(self._normal[1, 1]) * max(float(needs[1]), 0.0) ** 2
+        self._known = self._seconds > LEARNT_S and accelerated > KNOWN * left

@@ -150,7 +150,7 @@ class SmallFaults:
         self._forced[constants.kinds[0]] = FORCED**2
         self._forced[constants.gyro] = FORCED_YAW**2
         self._forced /= max(rows.gyros.stop - 3, 1)
-        self._scaling = Scaling(constants.count, first=2.0, least=0.05)
+        self._scaling = Scaling(np.full(constants.count, 2.0), least=0.05)
         # Takes means over parameters of the same kind.
         self._alike = np.zeros((constants.count, constants.count))
         for kind in constants.kinds:
@@ -163,7 +163,8 @@ class SmallFaults:
         self.calibration: Floats = UNKNOWN**2 * rows.configured
         # Where each of them stands; how gyros and wheels disagree on turning is one for all gyros.
         self._wheels = constants.gyro.start
-        self._calibrated = [*range(self._wheels), *[constants.askew.stop - 1] * len(gyros)]
+        turning = constants.askew.stop - 1
+        self._calibrated = np.array([*range(self._wheels), *[turning] * len(gyros)])
         self.forget()
 
     def forget(self) -> None:
@@ -211,7 +212,8 @@ class SmallFaults:
         )
         heard = of_it > 1e-3 * self._constants.prior
         told /= (self._alike @ scaling.factors)[:, None]
-        look = _Look(told, creep, bool(squares.max() > SURE * scaling.factors.max()))
+        odd = max(squares.tolist()) > SURE * max(scaling.factors.tolist())
+        look = _Look(told, creep, odd)
         young = self._driven < DELAY
         if young:
             if calm and not look.odd:
@@ -231,7 +233,7 @@ class SmallFaults:
             self.gives_way = max(float(usual[self._constants.gives_way]), 0.0)
             # Readings of a robot agree with each other even where its wheels are pulled askew: to
             # take off what is learnt would turn its errors into contradictions.
-            expected = (usual**2 + covariance.diagonal()).take(self._calibrated)
+            expected = (usual * usual + covariance.diagonal()).take(self._calibrated)
             self.calibration = np.maximum(expected, self._configured)
 
     def _forced_slip(self, told: Floats, usual: Floats) -> Floats:
@@ -259,15 +261,18 @@ class SmallFaults:
             self._creep[at] += look.creep
             if len(self._looks) > length:
                 old = self._looks[-1 - length]
-                self._told[at] -= old.told
+                told = self._told[at]
+                told -= old.told
                 self._creep[at] -= old.creep
 
     def _search(self, usual: Floats, covariance: Floats) -> float:
         """Follows what is found; returns the square of the surest change, by its variance."""
         top, found, now = 0.0, self.found, None
         # Wheels creep alike as long as they are loaded: no longer window averages that out.
-        creep = np.array(self._creep) / WINDOWS
-        unsure = covariance + self._accurate + (creep * creep)[:, None, None] * self._creeping
+        creep = [
+            [[(each / length) ** 2]] for each, length in zip(self._creep, WINDOWS, strict=True)
+        ]
+        unsure = covariance + self._accurate + creep * self._creeping
         forced = self._forced_slip(self._told, usual)
         tests = _Tests(self._changes, self._told, usual, unsure, forced)
         if found is not None and self._ended(tests, found):

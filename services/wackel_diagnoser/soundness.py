@@ -7,8 +7,6 @@ reference while it was seen to be faulty, and each step is asked whether it stil
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from wackel_diagnoser.hypotheses import Hypotheses
 from wackel_diagnoser.reference import Target
 from wackel_diagnoser.rows import MOVING_M_S, Measured, Rows
@@ -63,7 +61,7 @@ class Soundness:
         self._rows = rows
         self._parts: list[_Part] = []
         self._seconds = self._travelled = 0.0
-        self._heading_then: Floats = np.zeros(0)
+        self._heading_then: list[float] = []
         self._told_before: list[float] = []
 
     def begin(self, components: tuple[str, ...], step: Step, target: Target) -> None:

@@ -113,5 +113,5 @@ def test_wheels_that_bind_no_motion_are_no_drive(wheels: list[object]) -> None:
 def test_rows_of_known_headings_are_the_same_in_less_time(data: st.DataObject) -> None:
     drive = data.draw(steered_drives)
     headings = np.array([drive.heading(data.draw(steering_of(drive))) for _ in range(2)])
-    rows = drive.known_rows(*headings.tolist())
-    np.testing.assert_allclose(rows, drive.rows_along(headings), atol=1e-13)
+    for rows in (drive.known_rows(*headings.tolist()), drive.many_known_rows(headings)):
+        np.testing.assert_allclose(rows, drive.rows_along(headings), atol=1e-13)
