@@ -44,7 +44,11 @@ RATE = 100.0
 LEARN_EVERY = 8
 """Steps; what is learnt changes within seconds, and neighbouring steps teach the same."""
 LOOK_EVERY = 4
-"""Steps, at motors: as long as what a wheel pushes hardly changes."""
+"""Steps, at motors, as long as what a wheel pushes hardly changes; and, while nothing stirs, at
+hypotheses: of neighbouring steps, a quarter is new (:mod:`wackel_diagnoser.sequential`)."""
+STIRS = 4.0
+"""Square of a miss, by its variance, that has hypotheses looked at in the same step: two standard
+deviations, as one step alone that misses by less speaks for hardly any fault."""
 SHOW_NS = 200_000_000
 """How often residuals are published: as fast as people read."""
 EXAMINE_NS = 50_000_000
@@ -135,6 +139,8 @@ class Diagnoser:
         )
         self._wheels = layout.drive.n
         self._steps_made = 0
+        self._likelihood: Floats = np.zeros(len(hypotheses))  # as last looked at
+        self._unlooked, self._unlooked_s = 0, 0.0  # steps since
         self._driven_s = 0.0
         self._stands = False  # whether, before there can be a verdict, a wheel stands
         self._restarts = 0
@@ -200,8 +206,7 @@ class Diagnoser:
         variance += measured.fixed
         variance += measured.loose * self._manoeuvre
         variance += self._unsure
-        likelihood = self._bank.evaluate(measured.z, measured.h, variance, measured.size)
-        sequential.step(likelihood, seconds)
+        looked = self._look(measured, variance, seconds, known=target.known)
         moving = measured.speed > MOVING_M_S
         if young:
             self._driven_s += seconds if moving else 0.0
@@ -229,7 +234,7 @@ class Diagnoser:
             rows.calibrate(self._small.calibration)
         self._watch_gyros(step.end, measured)
         evidence = measured, variance, efforts
-        changed = self._verdicts.step(step, target, evidence, likelihood, currents)
+        changed = self._verdicts.step(step, target, evidence, self._likelihood, currents)
         if self._steps_made % LOOK_EVERY == 0:
             if (rolling := self._efforts.rolling()) is not None:
                 self._idle.step(seconds * LOOK_EVERY, target.speed, measured.turning, rolling)
@@ -240,8 +245,45 @@ class Diagnoser:
         if changed or self._shown is None or not 0 <= step.end - self._shown < SHOW_NS:
             self._shown = step.end
             if self._is_shown():
+                if not looked:
+                    self._evaluate(measured, variance)
                 messages.append(self._display.residuals(step, target, measured, variance))
         return messages
+
+    def _look(self, measured: Measured, variance: Floats, seconds: float, *, known: bool) -> bool:
+        """Looks at hypotheses if it is time, or something stirs; says whether it did.
+
+        Args:
+            measured: The rows of a step.
+            variance: Of those.
+            seconds: Its length.
+            known: Whether it is known what wheels should do.
+        """
+        sequential = self._sequential
+        self._unlooked_s += seconds
+        self._unlooked += 1
+        if (
+            self._steps_made % LOOK_EVERY
+            and known
+            and sequential.at_rest
+            and not self._stirs(measured, variance)
+        ):
+            return False
+        self._likelihood = self._evaluate(measured, variance)
+        sequential.step(self._likelihood, self._unlooked_s, self._unlooked)
+        self._unlooked_s, self._unlooked = 0.0, 0
+        return True
+
+    def _stirs(self, measured: Measured, variance: Floats) -> bool:
+        """Whether a wheel or a gyro is further off what it was told than it mostly is."""
+        told = slice(self._rows.gyros.start, None)
+        off = measured.z[told] - measured.h[told, 2] * measured.followed.item(2)
+        off *= off
+        off /= variance[told]
+        return not off.item(off.argmax()) <= STIRS  # as what is not known may
+
+    def _evaluate(self, measured: Measured, variance: Floats) -> Floats:
+        return self._bank.evaluate(measured.z, measured.h, variance, measured.size)
 
     def _one_stands(self, target: Target, measured: Measured) -> bool:
         """Whether a wheel that is told to roll stands while another rolls."""

@@ -36,7 +36,7 @@ RISING = 0.25
 
 
 # Of numpy's own kind: it takes longer for a number of Python's.
-_INDEPENDENT, _BOUND, _NOTHING = map(np.array, (INDEPENDENT, BOUND, 0.0))
+_BOUND, _NOTHING = map(np.array, (BOUND, 0.0))
 
 
 def threshold(hypotheses: int, rate: float) -> float:
@@ -81,10 +81,21 @@ class Sequential:
         """The largest cumulative sum as a share of its limit."""
         return self._highest / self._limit
 
-    def step(self, likelihood: Floats, seconds: float) -> None:
-        """Takes in the log-likelihoods of a step."""
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing is taken to be wrong, and no evidence has begun to sum up."""
+        return not (self.verdict or self._highest)
+
+    def step(self, likelihood: Floats, seconds: float, steps: int = 1) -> None:
+        """Takes in the log-likelihoods of a step.
+
+        Args:
+            likelihood: Shape (K,).
+            seconds: Since the last one.
+            steps: So many it stands for: itself, and those that were not looked at.
+        """
         memory = self.memory
-        told = _INDEPENDENT * likelihood
+        told = INDEPENDENT * steps * likelihood
         best = _greatest(told)
         usual = max([told.item(i) for i in self._members[self.verdict]])
         # Mostly the verdict explains a step best, and all sums stay 0.
