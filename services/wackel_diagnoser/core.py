@@ -44,8 +44,10 @@ RATE = 100.0
 LEARN_EVERY = 8
 """Steps; what is learnt changes within seconds, and neighbouring steps teach the same."""
 LOOK_EVERY = 4
-"""Steps, at motors, as long as what a wheel pushes hardly changes; and, while nothing stirs, at
-hypotheses: of neighbouring steps, a quarter is new (:mod:`wackel_diagnoser.sequential`)."""
+"""Steps, at hypotheses while nothing stirs: of neighbouring steps, a quarter is new
+(:mod:`wackel_diagnoser.sequential`)."""
+MOTORS_EVERY = 8
+"""Steps, from look to look at what they push, which hardly changes meanwhile."""
 STIRS = 4.0
 """Square of a miss, by its variance, that has hypotheses looked at in the same step: two standard
 deviations, as one step alone that misses by less speaks for hardly any fault."""
@@ -104,10 +106,9 @@ class Diagnoser:
         self._sequential = Sequential(hypotheses.prior, hypotheses.explanation, limit)
         self._small = SmallFaults(layout, config, rows, gyros)
         self._bias = GyroBias(list(gyros.values()))
-        self._unsure = np.zeros(rows.count)  # variances of those, in their rows
-        self._unsure[rows.gyros] = self._bias.variance
+        rows.doubt(self._bias.variance)
         self._efforts = Efforts(layout)
-        self._idle = IdleMotors(len(layout.drive.roll_wheels), RATE / LOOK_EVERY)
+        self._idle = IdleMotors(len(layout.drive.roll_wheels), RATE / MOTORS_EVERY)
         self._references = ReferenceErrors(layout, rows)
         self._history = History(rows)
         self._verdicts = Verdicts(
@@ -141,6 +142,7 @@ class Diagnoser:
         self._steps_made = 0
         self._likelihood: Floats = np.zeros(len(hypotheses))  # as last looked at
         self._unlooked, self._unlooked_s = 0, 0.0  # steps since
+        self._unwatched_s = 0.0  # since motors were looked at
         self._driven_s = 0.0
         self._stands = False  # whether, before there can be a verdict, a wheel stands
         self._restarts = 0
@@ -205,7 +207,6 @@ class Diagnoser:
         variance = measured.base * self._sensors
         variance += measured.fixed
         variance += measured.loose * self._manoeuvre
-        variance += self._unsure
         looked = self._look(measured, variance, seconds, known=target.known)
         moving = measured.speed > MOVING_M_S
         if young:
@@ -235,10 +236,12 @@ class Diagnoser:
         self._watch_gyros(step.end, measured)
         evidence = measured, variance, efforts
         changed = self._verdicts.step(step, target, evidence, self._likelihood, currents)
-        if self._steps_made % LOOK_EVERY == 0:
+        self._unwatched_s += seconds
+        if self._steps_made % MOTORS_EVERY == 0:
             if (rolling := self._efforts.rolling()) is not None:
-                self._idle.step(seconds * LOOK_EVERY, target.speed, measured.turning, rolling)
+                self._idle.step(self._unwatched_s, target.speed, measured.turning, rolling)
             self._verdicts.free(map(or_, self._efforts.off, self._idle.found))
+            self._unwatched_s = 0.0
         messages: list[Message] = []
         if changed or self._to_examine(step.end):
             messages += self._examine(step.end)
@@ -277,7 +280,7 @@ class Diagnoser:
     def _stirs(self, measured: Measured, variance: Floats) -> bool:
         """Whether a wheel or a gyro is further off what it was told than it mostly is."""
         told = slice(self._rows.gyros.start, None)
-        off = measured.z[told] - measured.h[told, 2] * measured.followed.item(2)
+        off = measured.z[told] - measured.h[told, 2] * measured.followed[2]
         off *= off
         off /= variance[told]
         return not off.item(off.argmax()) <= STIRS  # as what is not known may
@@ -309,12 +312,12 @@ class Diagnoser:
             self._sensors, self._manoeuvre = scaling.factors
         g = rows.gyros
         self._bias.learn(off[g], variance[g], left[g], seen[g], seconds=seconds, moving=moving)
-        self._unsure[g] = self._bias.variance
+        rows.doubt(self._bias.variance)
 
     def _watch_gyros(self, end: int, measured: Measured) -> None:
         """Which of them are stuck, while the robot is told to turn otherwise than before."""
         repeating = {name: value for name, value in self._values.items() if value.same > 1}
-        told = float(measured.followed[2]) if repeating else math.nan
+        told = measured.followed[2] if repeating else math.nan
         if math.isfinite(told):
             for value in repeating.values():
                 value.turns(end, told)

@@ -97,8 +97,8 @@ class Efforts:
         self._read = [0] * len(joints)
         self._newest = 0
         # A motor that rolls the robot alone is held against those that steer.
-        watched = self._rolls if self._rolls > 1 else len(joints)
-        self._torque: list[bool | None] = [None] * watched
+        self._watched = self._rolls if self._rolls > 1 else len(joints)
+        self._torque: list[bool | None] = [None] * len(joints)
         self._some_off = False
         self._off_s = [0.0] * self._rolls
         self.off = [False] * self._rolls
@@ -127,14 +127,15 @@ class Efforts:
                 effort = servo.load
             # What is read now and then, as temperatures are, says nothing of it.
             if effort is not None or servo.position is not None or servo.velocity is not None:
-                if effort is None or not -MOST < effort < MOST:
+                if effort is None or not abs(effort) < MOST:
                     effort = math.nan
                 current[at] = sign * effort
                 read[at] = self._newest = stamp
             on = servo.torque_enabled
-            if on is not None and at < len(torque) and on is not torque[at]:
+            if on is not torque[at] and on is not None:
                 torque[at] = on
-                self._some_off = any(torque) and False in torque
+                watched = torque[: self._watched]
+                self._some_off = any(watched) and False in watched
 
     def step(
         self,
@@ -261,7 +262,7 @@ class Efforts:
 
     def _watch_torque(self, seconds: float) -> None:
         torque = self._torque
-        some_on = any(torque)
+        some_on = any(torque[: self._watched])
         self._off_s = [
             off_s + seconds if some_on and on is False else 0.0
             for on, off_s in zip(torque, self._off_s, strict=False)

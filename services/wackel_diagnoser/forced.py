@@ -121,7 +121,7 @@ def observe(block: Block, rows: Rows) -> Observed:
     gyros = [measured.z[rows.gyros].tolist() for _, _, measured, _ in block]
     yaw = [sum(rates) / len(rates) for rates in gyros]
     late = rows.lag_s / seconds * np.subtract(last.heading, first.heading)
-    before, after = at_first.followed.tolist(), at_last.followed.tolist()
+    before, after = at_first.followed, at_last.followed
     vx, vy, omega = (0.5 * (a + b) for a, b in zip(before, after, strict=True))
     ax, ay, alpha = ((b - a) / seconds for a, b in zip(before, after, strict=True))
     return Observed(

@@ -165,7 +165,7 @@ def _strain(effort: float, limit: float) -> float:
 
 def _told_yaw(measured: Measured) -> tuple[float, float] | None:
     """Yaw rate that was commanded, and the variance with which the robot follows."""
-    omega = float(measured.followed[2])
+    omega = measured.followed[2]
     return (omega, (TOLD + TOLD_SHARE * abs(omega)) ** 2) if math.isfinite(omega) else None
 
 

@@ -72,7 +72,7 @@ YAW = 0.3
 MOVING_M_S = 0.05
 """Slower, residuals say nothing of calibration, and a faulty wheel looks sound."""
 
-_NO_TWIST: Floats = np.full(3, np.nan)
+_NO_TWIST = [math.nan] * 3
 
 
 class Measured(NamedTuple):
@@ -82,7 +82,7 @@ class Measured(NamedTuple):
         z: Shape (M,).
         h: Shape (M, 3).
         base: Variance of sensors, which driving scales, shape (M,).
-        fixed: Variance of calibration, as far as it is known, shape (M,).
+        fixed: Variance of calibration and of gyros' biases, as far as they are known, shape (M,).
         loose: Variance that the present manoeuvre adds, shape (M,).
         size: What a fault's share refers to, shape (M,).
         yielded: By how much each drive is faster than its reference (mostly slower) for what it
@@ -90,8 +90,8 @@ class Measured(NamedTuple):
         speed: The fastest wheel's, m/s.
         creep: How much all wheels slip by their load, m/s.
         present: Which rows are there.
-        followed: Twist by which references follow the commanded one, m/s and rad/s, shape (3,);
-            NaN if they are not known.
+        followed: Twist by which references follow the commanded one, m/s and rad/s; NaN if they are
+            not known.
         turning: How much of each roll row's reference is for the robot's turning, m/s.
     """
 
@@ -105,7 +105,7 @@ class Measured(NamedTuple):
     speed: float
     creep: float
     present: Bools
-    followed: Floats
+    followed: list[float]
     turning: list[float]
 
 
@@ -194,7 +194,8 @@ class Rows:
                     (0.0, 0.0, 0.0, 0.0, 1.0),  # by droop
                     nothing,
                 ),
-                # How calibration turns the robot: by the square of speed, see calibrate().
+                # How calibration turns the robot: by the square of speed, see calibrate(); and how
+                # well biases are known, see doubt().
                 per_row(*(nothing,) * 7),
             )
         )
@@ -241,6 +242,10 @@ class Rows:
         turns = self._causes[3 * self.count :, -1]
         turns[self.gyros] = (YAWING / self._drive.length_m) ** 2 * mean
 
+    def doubt(self, variance: Floats) -> None:
+        """The bias of each gyro is known so well, variances, (rad/s)², shape (g,)."""
+        self._causes[3 * self.count :, 0][self.gyros] = variance
+
     def measure(
         self,
         step: Step,
@@ -279,7 +284,7 @@ class Rows:
             rows = drive.known_rows(stands, aimed) if whole else _any_rows(drive, stands, aimed)
             forced, mean, made = self._tyres.slip(rows[1], speeds)
             off, present = [heading[i] - told[i] for i in steered], self.every
-            omega = made.item(2)
+            omega = made[2]
             turning_rolls = [lever * omega for lever in rows[1][self.rolls, 2].tolist()]
             yielded = [-self.gives_way * load for load in loads(turning_rolls)]
             missed = [*map(sub, map(sub, rolled, speeds), yielded)]
@@ -326,9 +331,7 @@ class Rows:
                 *forced[slides:],
                 *[
                     JERK * each + uneven * abs(rate) + self._tyres.late_yaw
-                    for each, rate in zip(
-                        self._changed(turning, followed.item(2)), turning, strict=True
-                    )
+                    for each, rate in zip(self._changed(turning, followed[2]), turning, strict=True)
                 ],
                 *[PENDING * gaps[i] + late for i, late in zip(steered, lag, strict=True)],
                 *[
@@ -367,7 +370,7 @@ class Rows:
 
     def _untold_slip(
         self, rows: Floats, stands: list[float], rolled: list[float], dt: float
-    ) -> tuple[list[float], float, Floats]:
+    ) -> tuple[list[float], float, list[float]]:
         """As :meth:`Tyres.slip`, of what wheels do without being told.
 
         Args:
@@ -386,7 +389,7 @@ class Rows:
         return forced, mean, self._tyres.slip(rows, rolled)[2]
 
     def _variances(self, values: Floats, causes: Floats) -> tuple[Floats, Floats, Floats]:
-        """Of sensors, of calibration, and what the manoeuvre adds.
+        """Of sensors, of what is constant, and what the manoeuvre adds.
 
         Args:
             values: What rows measure and show, and what is forced or late, shape (3 M + 7,).

@@ -2,6 +2,8 @@
 wheels turn, and what changes the robot's motion pulls at all of them."""
 
 import math
+from collections.abc import Sequence
+from operator import sub
 
 import numpy as np
 
@@ -50,7 +52,7 @@ class Tyres:
         # What they have given the robot of the twist that wheels make: m/s, m/s, rad/s.
         self._given: tuple[float, float, float] | None = None
 
-    def slip(self, rows: Floats, speeds: list[float]) -> tuple[list[float], float, Floats]:
+    def slip(self, rows: Floats, speeds: list[float]) -> tuple[list[float], float, list[float]]:
         """How much references contradict each other.
 
         Args:
@@ -58,29 +60,29 @@ class Tyres:
             speeds: At which wheels should roll, m/s, of each roll row.
 
         Returns:
-            m/s by which each row may be off, and on average; and the twist that they make.
+            m/s by which each row may be off, and on average; and the twist that they make, m/s and
+            rad/s.
         """
         twist = self._inverse_of(rows).dot(np.array(speeds).dot(rows[self._first_roll :]))
         slip: list[float] = rows.dot(twist).tolist()
-        for row, speed in enumerate(speeds, start=self._first_roll):
-            slip[row] -= speed
+        slip[self._first_roll :] = map(sub, slip[self._first_roll :], speeds)
         mean = math.hypot(*slip) / self._root
-        return [FORCED * abs(each) for each in slip], mean, twist
+        return [FORCED * abs(each) for each in slip], mean, twist.tolist()
 
     def creep(
-        self, rows: Floats, followed: Floats, mean: float, speed: float, seconds: float
+        self, rows: Floats, followed: Sequence[float], mean: float, speed: float, seconds: float
     ) -> float:
         """How much all slip since wheels hasten the robot, m/s; 0 if it is not known.
 
         Args:
             rows: As above.
-            followed: Twist that the wheels make, shape (3,).
+            followed: Twist that the wheels make, m/s and rad/s.
             mean: How much they slip against each other, m/s. Beyond what tyres creep with all their
                 grip, it takes its share of that: a tyre pushes against the way in which it slips.
             speed: The fastest wheel's, m/s.
             seconds: Since the last step.
         """
-        x, y, omega = followed.tolist()
+        x, y, omega = followed
         known = math.isfinite(x + y + omega)
         if self._given is None or not known:
             self._given = (x, y, omega) if known else None

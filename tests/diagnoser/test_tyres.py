@@ -20,10 +20,10 @@ def late_s(config: DriveConfig, twist: tuple[float, float, float]) -> float:
     drive = Layout(config).drive
     headings = _along(drive, twist)
     rows = drive.known_rows(headings)[0]
-    tyres, told = Tyres(drive), np.array(twist)
-    tyres.creep(rows, np.zeros(3), 0.0, 0.0, STEP_S)
+    tyres = Tyres(drive)
+    tyres.creep(rows, [0.0] * 3, 0.0, 0.0, STEP_S)
     steps = 0
-    while tyres.creep(rows, told, 0.0, 0.0, STEP_S) > 0.0:
+    while tyres.creep(rows, twist, 0.0, 0.0, STEP_S) > 0.0:
         steps += 1
         assert steps < 1000
     return steps * STEP_S
@@ -67,14 +67,14 @@ def test_nothing_is_known_of_tyres_when_references_are_not() -> None:
     drive = Layout(steered_drive(3)).drive
     tyres = Tyres(drive)
     rows: Floats = drive.rows(np.zeros(3))
-    assert tyres.creep(rows, np.array([1.0, 0.0, 0.0]), 0.0, 1.0, STEP_S) == 0.0
-    assert tyres.creep(rows, np.array([2.0, 0.0, 0.0]), 0.0, 1.0, STEP_S) > 0.5
-    assert tyres.creep(rows, np.full(3, np.nan), 0.0, 1.0, STEP_S) == 0.0
-    assert tyres.creep(rows, np.array([0.0, 0.0, 0.0]), 0.0, 1.0, STEP_S) == 0.0
+    assert tyres.creep(rows, [1.0, 0.0, 0.0], 0.0, 1.0, STEP_S) == 0.0
+    assert tyres.creep(rows, [2.0, 0.0, 0.0], 0.0, 1.0, STEP_S) > 0.5
+    assert tyres.creep(rows, [math.nan] * 3, 0.0, 1.0, STEP_S) == 0.0
+    assert tyres.creep(rows, [0.0] * 3, 0.0, 1.0, STEP_S) == 0.0
 
 
 def test_a_change_too_small_for_floats_is_no_trouble() -> None:
     drive = Layout(other_drives()["omni"]).drive
     tyres, rows = Tyres(drive), drive.rows(np.zeros(3))
-    tyres.creep(rows, np.zeros(3), 0.0, 0.0, STEP_S)
-    assert tyres.creep(rows, np.full(3, 1e-300), 0.0, 0.0, STEP_S) == pytest.approx(0.0)
+    tyres.creep(rows, [0.0] * 3, 0.0, 0.0, STEP_S)
+    assert tyres.creep(rows, [1e-300] * 3, 0.0, 0.0, STEP_S) == pytest.approx(0.0)
