@@ -102,12 +102,11 @@ class Diagnoser:
         self._scaling = Scaling(
             np.repeat([[9.0], [1.0]], rows.count, axis=1), least=np.array([[0.3], [LEAST_FORCED]])
         )
-        self._sensors, self._manoeuvre = self._scaling.factors
         limit = threshold(len(hypotheses), RATE)
         self._sequential = Sequential(hypotheses.prior, hypotheses.explanation, limit)
         self._small = SmallFaults(layout, config, rows, gyros)
         self._bias = GyroBias(list(gyros.values()))
-        rows.doubt(self._bias.variance)
+        self._adopt()
         self._efforts = Efforts(layout)
         self._idle = IdleMotors(len(layout.drive.roll_wheels), RATE / MOTORS_EVERY)
         self._references = ReferenceErrors(layout, rows)
@@ -206,10 +205,7 @@ class Diagnoser:
         target = self._reference.step(step, learnt_s)
         loads = partial(self._efforts.loads, seconds, target.speed)
         measured = rows.measure(step, target, self._bias.value, loads)
-        variance = measured.base * self._sensors
-        variance += measured.fixed
-        variance += measured.loose * self._manoeuvre
-        looked = self._look(measured, variance, seconds, known=target.known)
+        looked = self._look(measured, seconds, known=target.known)
         moving = measured.speed > MOVING_M_S
         if young:
             self._driven_s += seconds if moving else 0.0
@@ -220,7 +216,7 @@ class Diagnoser:
             seconds, target.speed, measured.turning, driven_s, needed=not calm
         )
         if learning:
-            self._learn(measured, variance, learnt_s, moving)
+            self._learn(measured, learnt_s, moving)
         currents = self._efforts.currents
         # A steering that shows something else than it is told would be taken for a wrong zero.
         if (
@@ -234,10 +230,11 @@ class Diagnoser:
         self._small.step(shown, calm=calm)
         rows.lag_s, rows.gives_way = self._small.lag_s, self._small.gives_way
         if learning:
-            rows.calibrate(self._small.calibration)
+            self._adopt()
         self._watch_gyros(step.end, measured)
-        evidence = measured, variance, efforts
-        changed = self._verdicts.step(step, target, evidence, self._likelihood, currents)
+        changed = self._verdicts.step(
+            step, target, measured, efforts, self._likelihood, currents=currents
+        )
         self._unwatched_s += seconds
         if self._steps_made % MOTORS_EVERY == 0:
             if (rolling := self._efforts.rolling()) is not None:
@@ -251,16 +248,15 @@ class Diagnoser:
             self._shown = step.end
             if self._is_shown():
                 if not looked:
-                    self._evaluate(measured, variance)
-                messages.append(self._display.residuals(step, target, measured, variance))
+                    self._evaluate(measured)
+                messages.append(self._display.residuals(step, target, measured))
         return messages
 
-    def _look(self, measured: Measured, variance: Floats, seconds: float, *, known: bool) -> bool:
+    def _look(self, measured: Measured, seconds: float, *, known: bool) -> bool:
         """Looks at hypotheses if it is time, or something stirs; says whether it did.
 
         Args:
             measured: The rows of a step.
-            variance: Of those.
             seconds: Its length.
             known: Whether it is known what wheels should do.
         """
@@ -271,24 +267,24 @@ class Diagnoser:
             self._steps_made % LOOK_EVERY
             and known
             and sequential.at_rest
-            and not self._stirs(measured, variance)
+            and not self._stirs(measured)
         ):
             return False
-        self._likelihood = self._evaluate(measured, variance)
+        self._likelihood = self._evaluate(measured)
         sequential.step(self._likelihood, self._unlooked_s, self._unlooked)
         self._unlooked_s, self._unlooked = 0.0, 0
         return True
 
-    def _stirs(self, measured: Measured, variance: Floats) -> bool:
+    def _stirs(self, measured: Measured) -> bool:
         """Whether a wheel or a gyro is further off what it was told than it mostly is."""
         told = slice(self._rows.gyros.start, None)
         off = measured.z[told] - measured.h[told, 2] * measured.followed[2]
         off *= off
-        off /= variance[told]
+        off /= measured.variance[told]
         return not off.item(off.argmax()) <= STIRS  # as what is not known may
 
-    def _evaluate(self, measured: Measured, variance: Floats) -> Floats:
-        return self._bank.evaluate(measured.z, measured.h, variance, measured.size)
+    def _evaluate(self, measured: Measured) -> Floats:
+        return self._bank.evaluate(measured.z, measured.h, measured.variance, measured.size)
 
     def _one_stands(self, target: Target, measured: Measured) -> bool:
         """Whether a wheel that is told to roll stands while another rolls."""
@@ -296,9 +292,9 @@ class Diagnoser:
         driven = stand(target.speed, measured.z[rolls].tolist(), measured.present[rolls].tolist())
         return any(driven.values()) and not all(driven.values())
 
-    def _learn(self, measured: Measured, variance: Floats, seconds: float, moving: bool) -> None:
+    def _learn(self, measured: Measured, seconds: float, moving: bool) -> None:
         """What residuals are like when nothing is wrong, and the gyros' bias."""
-        rows, covariance = self._rows, self._bank.covariance()
+        variance, covariance = measured.variance, self._bank.covariance()
         spread = measured.h.dot(covariance)
         off = measured.z - spread.dot(self._bank.right())
         # What the estimate took from a row itself does not show in its residual.
@@ -308,13 +304,17 @@ class Diagnoser:
         if moving:
             squares = off * off / left
             # A step teaches of what its variance is mostly made of.
-            loose = measured.loose * self._manoeuvre > _HALF * variance
             scaling = self._scaling
+            loose = measured.loose * scaling.factors[1] > _HALF * variance
             scaling.learn(squares * scaling.factors, seen & (loose == _MANOEUVRE), seconds)
-            self._sensors, self._manoeuvre = scaling.factors
-        g = rows.gyros
+        g = self._rows.gyros
         self._bias.learn(off[g], variance[g], left[g], seen[g], seconds=seconds, moving=moving)
-        rows.doubt(self._bias.variance)
+
+    def _adopt(self) -> None:
+        """What has been learnt goes into the rows."""
+        self._rows.adopt(
+            self._small.calibration, biases=self._bias.variance, scales=self._scaling.factors
+        )
 
     def _watch_gyros(self, end: int, measured: Measured) -> None:
         """Which of them are stuck, while the robot is told to turn otherwise than before."""

@@ -14,7 +14,6 @@ from wackel_diagnoser.sequential import Sequential
 from wackel_diagnoser.steps import PaperSteps
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
-from wackel_kinematics.array import Floats
 from wackel_schemas.residuals import HypothesisState, Residuals, RowState
 
 SHOWN = 5
@@ -58,21 +57,18 @@ class Display:
         self._sequential = sequential
         self._reference = reference
 
-    def residuals(
-        self, step: Step, target: Target, measured: Measured, variance: Floats
-    ) -> Residuals:
+    def residuals(self, step: Step, target: Target, measured: Measured) -> Residuals:
         """Of the step that was evaluated last.
 
         Args:
             step: What the sensors said.
             target: What the wheels should have done.
             measured: The rows of that.
-            variance: Of the rows, if nothing is wrong.
         """
         rows = self._rows
         twist = self._bank.covariance().dot(self._bank.right())
         off = (measured.z - measured.h.dot(twist)).tolist()
-        sigma = np.sqrt(variance).tolist()
+        sigma = np.sqrt(measured.variance).tolist()
         scale = np.sqrt(self._scaling.factors[0]).tolist()
         probabilities = np.bincount(self._tells, self._sequential.posterior()).tolist()
         numbers = range(len(probabilities))

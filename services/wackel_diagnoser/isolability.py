@@ -93,11 +93,10 @@ class Isolability:
         step = self._with(step, fault)
         bias, unloaded = np.zeros(len(self._gyros)), [0.0] * len(target.speed)
         rows = Rows(self._layout, self._config, self._gyros)
-        rows.calibrate(rows.configured)  # as driving will have shown
+        rows.adopt(rows.configured)  # as driving will have shown
         for _ in range(2):  # the fault lasts: nothing has just jumped
             measured = rows.measure(step, target, bias, lambda _: unloaded)
-        variance = measured.base + measured.fixed + measured.loose
-        likelihood = self._bank.evaluate(measured.z, measured.h, variance, measured.size)
+        likelihood = self._bank.evaluate(measured.z, measured.h, measured.variance, measured.size)
         hypotheses = self._hypotheses
         best = [
             float((likelihood + hypotheses.prior / (MEMORY_S * RATE * INDEPENDENT))[m].max())

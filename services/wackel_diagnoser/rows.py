@@ -81,9 +81,9 @@ class Measured(NamedTuple):
     Attributes:
         z: Shape (M,).
         h: Shape (M, 3).
-        base: Variance of sensors, which driving scales, shape (M,).
-        fixed: Variance of calibration and of gyros' biases, as far as they are known, shape (M,).
-        loose: Variance that the present manoeuvre adds, shape (M,).
+        variance: If nothing is wrong, shape (M,).
+        loose: What the present manoeuvre is expected to add to that, before driving has scaled it,
+            shape (M,).
         size: What a fault's share refers to, shape (M,).
         yielded: By how much each drive is faster than its reference (mostly slower) for what it
             pushes, which has been taken off, m/s, shape (roll rows,).
@@ -97,8 +97,7 @@ class Measured(NamedTuple):
 
     z: Floats
     h: Floats
-    base: Floats
-    fixed: Floats
+    variance: Floats
     loose: Floats
     size: Floats
     yielded: list[float]
@@ -171,15 +170,16 @@ class Rows:
         scale = np.array([gyro.scale_error for gyro in settings])
         nothing = (0.0,) * 5
         # What does not depend on a row's own value, in one product: numpy takes long to be called.
+        self._noise = per_row(
+            (CREEP**2, 0.0, wander, angle, (0.5 * CREEP) ** 2),  # in every step
+            (0.0, 0.0, density, 0.0, 0.0),  # by 1/dt
+            (0.0, quantum, 0.0, 0.0, quantum),  # by 1/dt²
+            *(nothing,) * 4,
+        )
         self._causes = np.concatenate(
             (
-                # Noise.
-                per_row(
-                    (CREEP**2, 0.0, wander, angle, (0.5 * CREEP) ** 2),  # in every step
-                    (0.0, 0.0, density, 0.0, 0.0),  # by 1/dt
-                    (0.0, quantum, 0.0, 0.0, quantum),  # by 1/dt²
-                    *(nothing,) * 4,
-                ),
+                # Noise, and how calibration turns the robot: see adopt().
+                self._noise,
                 # Size of a fault.
                 per_row(
                     (SLOWEST, SLOWEST, TREMBLE, 1.0, SLOWEST),
@@ -194,15 +194,10 @@ class Rows:
                     (0.0, 0.0, 0.0, 0.0, 1.0),  # by droop
                     nothing,
                 ),
-                # How calibration turns the robot: by the square of speed, see calibrate(); and how
-                # well biases are known, see doubt().
-                per_row(*(nothing,) * 7),
             )
         )
-        # By the square of what each row shows: how far drives follow, and calibration.
         self._follows = per_row((0.0, 0.0, 0.0, 0.0, FOLLOWS**2))[:, 0]
         wrong = per_row((config.steering_error, config.radius_error, scale, 0.0, 0.0))[:, 0]
-        self._calibration: Floats = (UNKNOWN * wrong) ** 2
         self.configured: Floats = wrong[: self.gyros.stop] ** 2
         self._mounted: list[float] = drive.heading(np.zeros(drive.n)).tolist()
         self._zeros, self.lag_s, self.gives_way = [0.0] * drive.n, 0.0, 0.0
@@ -224,7 +219,7 @@ class Rows:
         self._told_yaw, self._asked = math.nan, 0.0
         self.every: Bools = np.ones(self.count, dtype=np.bool_)
         self._untold: Bools = np.arange(self.count) < self.gyros.stop
-        self.calibrate(self._calibration[: self.gyros.stop])
+        self.adopt(UNKNOWN**2 * self.configured)
 
     def roll_of(self, wheel: int) -> int:
         """Number of a wheel's roll row among the roll rows; -1 if it has none."""
@@ -234,17 +229,30 @@ class Rows:
         """Wheels stand so far off what they show, rad to the left, shape (n,)."""
         self._zeros = zeros.tolist()
 
-    def calibrate(self, squares: Floats) -> None:
-        """Slide and roll rows are off by such shares of a wheel's speed, and gyros by such of their
-        rate, squares of standard deviations."""
-        self._calibration[: self.gyros.stop] = squares
-        mean = float(np.add.reduce(squares[: self._constraints])) / self._constraints
-        turns = self._causes[3 * self.count :, -1]
-        turns[self.gyros] = (YAWING / self._drive.length_m) ** 2 * mean
+    def adopt(
+        self,
+        calibration: Floats,
+        *,
+        biases: Floats | float = 0.0,
+        scales: Floats | tuple[float, float] = (1.0, 1.0),
+    ) -> None:
+        """Variances are made from now on of what driving has shown.
 
-    def doubt(self, variance: Floats) -> None:
-        """The bias of each gyro is known so well, variances, (rad/s)², shape (g,)."""
-        self._causes[3 * self.count :, 0][self.gyros] = variance
+        Args:
+            calibration: By what share of a wheel's speed slide and roll rows are off, and of their
+                rate gyros, squares of standard deviations.
+            biases: Variances with which those of gyros are known, (rad/s)², shape (g,).
+            scales: By how much variances of sensors, and those that manoeuvres add, are larger than
+                expected, shape (2, M) or (2,).
+        """
+        sensors, self._manoeuvre = (np.broadcast_to(each, self.count) for each in scales)
+        # By the square of what each row shows: how far drives follow, and calibration.
+        self._shares = sensors * self._follows
+        self._shares[: self.gyros.stop] += calibration
+        constant, mean = self._causes[: self.count], calibration[: self._constraints].mean()
+        np.multiply(self._noise, sensors[:, None], out=constant)
+        constant[self.gyros, 0] += biases
+        constant[self.gyros, -1] += (YAWING / self._drive.length_m) ** 2 * mean
 
     def measure(
         self,
@@ -388,23 +396,21 @@ class Rows:
         mean = math.sqrt(sum([each * each for each in forced]) / len(forced))
         return forced, mean, self._tyres.slip(rows, rolled)[2]
 
-    def _variances(self, values: Floats, causes: Floats) -> tuple[Floats, Floats, Floats]:
-        """Of sensors, of what is constant, and what the manoeuvre adds.
+    def _variances(self, values: Floats, causes: Floats) -> tuple[Floats, Floats]:
+        """If nothing is wrong, and what the manoeuvre adds to that.
 
         Args:
             values: What rows measure and show, and what is forced or late, shape (3 M + 7,).
-            causes: Noise, sizes of faults, slip, and how the robot turns, shape (4 M,).
+            causes: Noise and what is constant, sizes of faults, and slip, shape (3 M,).
         """
         count = self.count
         squares, loose = values[count : 2 * count], values[2 * count : 3 * count]
         squares *= squares
-        base = squares * self._follows
-        base += causes[:count]
-        loose += causes[2 * count : 3 * count]
+        squares *= self._shares
+        squares += causes[:count]
+        loose += causes[2 * count :]
         loose *= loose
-        fixed = squares * self._calibration
-        fixed += causes[3 * count :]
-        return base, fixed, loose
+        return loose * self._manoeuvre + squares, loose
 
     def _uneven(self, missed: list[float], speeds: list[float], dt: float) -> float:
         """Share by which all speeds may be off, for another time was measured than stamps say.

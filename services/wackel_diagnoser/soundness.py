@@ -12,7 +12,6 @@ from wackel_diagnoser.reference import Target
 from wackel_diagnoser.rows import MOVING_M_S, Measured, Rows
 from wackel_diagnoser.sequential import BOUND, INDEPENDENT
 from wackel_drive.alignment import Step
-from wackel_kinematics.array import Floats
 
 CONTRARY = 0.5
 """Evidence of one step for the fault that begins this anew."""
@@ -81,16 +80,13 @@ class Soundness:
         self._seconds = self._travelled = 0.0
         self._heading_then, self._told_before = step.heading, target.heading
 
-    def step(
-        self, step: Step, target: Target, measured: Measured, variance: Floats, evidence: float
-    ) -> None:
+    def step(self, step: Step, target: Target, measured: Measured, evidence: float) -> None:
         """Takes in a step.
 
         Args:
             step: What the sensors said.
             target: What the wheels should have done.
             measured: The rows of that.
-            variance: Of those.
             evidence: For what is named, logarithm.
         """
         before, self._told_before = self._told_before, target.heading
@@ -105,7 +101,7 @@ class Soundness:
                 moved = abs(step.heading[part.wheel] - self._heading_then[part.wheel])
                 shows &= max(self._travelled, moved) > TRAVELLED_RAD
             if part.row >= 0 and measured.present[part.row]:
-                off, known = float(measured.z[part.row]), float(variance[part.row])
+                off, known = float(measured.z[part.row]), float(measured.variance[part.row])
                 _weigh(part, 1.0 if part.steers else told, off, known, contrary=contrary)
         if contrary:
             self._seconds = self._travelled = 0.0

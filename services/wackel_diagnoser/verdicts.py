@@ -121,7 +121,7 @@ class Verdicts:
         self._numbers = {frozenset(names): i for i, names in enumerate(hypotheses.explanations)}
         self._is_small = False
         self._soundness = Soundness(hypotheses, rows)
-        self._recent: deque[tuple[Measured, Floats, Floats, float]] = deque(maxlen=ALARM_STEPS)
+        self._recent: deque[tuple[Measured, Floats, float]] = deque(maxlen=ALARM_STEPS)
         self._block: list[tuple[Step, Target, Measured, list[float]]] = []
 
     @property
@@ -158,8 +158,10 @@ class Verdicts:
         self,
         step: Step,
         target: Target,
-        evidence: tuple[Measured, Floats, Floats],
+        measured: Measured,
+        efforts: Floats,
         likelihood: Floats,
+        *,
         currents: list[float],
     ) -> bool:
         """Takes in a step; says whether the verdict, or its kind, has changed.
@@ -167,15 +169,16 @@ class Verdicts:
         Args:
             step: What the sensors said.
             target: What the wheels should have done.
-            evidence: The rows of that, their variances, and the motors' efforts.
+            measured: The rows of that.
+            efforts: Of the motors, see :meth:`Efforts.step`.
             likelihood: Of the hypotheses, logarithms.
             currents: Of the rolling motors, A or share of load; NaN if unknown.
         """
         sequential = self._sequential
         if sequential.verdict:
-            self._watch_soundness(step, target, evidence[:2], likelihood)
-            self._watch_standing(step, target, evidence[0])
-        self._recent.append((*evidence, step.seconds))
+            self._watch_soundness(step, target, measured, likelihood)
+            self._watch_standing(step, target, measured)
+        self._recent.append((measured, efforts, step.seconds))
         changed = self._follow(step, target)
         test = self.test
         if test is not None and test.seconds < WINDOW_S:
@@ -183,9 +186,9 @@ class Verdicts:
                 for each in self._recent:
                     test.step(*each)
             else:
-                test.step(*evidence, step.seconds)
+                test.step(measured, efforts, step.seconds)
             if self._motion is not None and test.steering:
-                self._block.append((step, target, evidence[0], currents))
+                self._block.append((step, target, measured, currents))
                 if len(self._block) >= FORCED_STEPS:
                     test.force(self._block, self._rows, self._motion, self._references)
                     self._block.clear()
@@ -306,7 +309,7 @@ class Verdicts:
     def _strain(self) -> float:
         """Mean of what the rolling motors need beyond driving, as squares by what that usually is;
         0 if unknown."""
-        strains = [efforts[: len(self._rolls)] for _, _, efforts, _ in self._recent]
+        strains = [efforts[: len(self._rolls)] for _, efforts, _ in self._recent]
         known: list[float] = [s for each in strains for s in each.tolist() if math.isfinite(s)]
         return sum(known) / max(len(known), 1)
 
@@ -381,13 +384,13 @@ class Verdicts:
         return any(map(self._standing.stood, named))
 
     def _watch_soundness(
-        self, step: Step, target: Target, rows: tuple[Measured, Floats], likelihood: Floats
+        self, step: Step, target: Target, measured: Measured, likelihood: Floats
     ) -> None:
         """Whether what is named shows that nothing is wrong with it."""
         members = self._hypotheses.members
         faulty = likelihood[members[self._sequential.verdict]].max()
         evidence = float(faulty - likelihood[members[0]].max())
-        self._soundness.step(step, target, *rows, evidence)
+        self._soundness.step(step, target, measured, evidence)
 
 
 def _spare(drive: Drive, rows: Rows) -> int:

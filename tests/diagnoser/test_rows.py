@@ -55,7 +55,7 @@ class Moving:
 def sound(measured: Measured) -> bool:
     """Whether all of it are numbers, and what is missing says nothing."""
     missing = ~measured.present
-    each = (measured.z, measured.h, measured.base, measured.fixed, measured.loose, measured.size)
+    each = (measured.z, measured.h, measured.variance, measured.loose, measured.size)
     return (
         all(bool(np.isfinite(values).all()) for values in each)
         and not measured.z[missing].any()
@@ -121,8 +121,8 @@ def test_wheels_that_are_calibrated_badly_may_turn_the_robot_otherwise_than_they
     moving.command()
     unsure = []
     for wrong in (0.003, 0.009):
-        moving.rows.calibrate(np.full(moving.rows.gyros.stop, wrong**2))
-        unsure.append(math.sqrt(moving.shown().measured.fixed[moving.rows.gyros].item()))
+        moving.rows.adopt(np.full(moving.rows.gyros.stop, wrong**2), scales=(0.0, 0.0))
+        unsure.append(math.sqrt(moving.shown().measured.variance[moving.rows.gyros].item()))
     assert unsure[1] == pytest.approx(3.0 * unsure[0], rel=0.01)
 
 

@@ -37,13 +37,13 @@ class Named:
             self._told += 0.01
             z = np.zeros(self._rows.count)
             z[self._row + 1] = off
-            nothing = np.zeros(self._rows.count)
+            nothing, variance = np.zeros(self._rows.count), np.full(self._rows.count, SIGMA**2)
             h = np.zeros((self._rows.count, 3))
+            still = [0.0] * 3
             measured = Measured(
-                z, h, *(nothing,) * 4, [], speed, 0.0, self._rows.every, np.zeros(3), []
+                z, h, variance, nothing, nothing, [], speed, 0.0, self._rows.every, still, []
             )
-            variance = np.full(self._rows.count, SIGMA**2)
-            self._soundness.step(self._step(), self._target(speed), measured, variance, evidence)
+            self._soundness.step(self._step(), self._target(speed), measured, evidence)
 
     def sound(self, seconds: float = 1.0) -> bool:
         return self._soundness.lasts(seconds)
