@@ -18,6 +18,7 @@ import multiprocessing
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import cycle, islice
 from random import Random
 from typing import Literal
 
@@ -30,7 +31,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from tests.bench.result import Figure, side_by_side, table
+from tests.bench.result import Figure, Prepared, side_by_side, table
 from tests.diagnoser.rig import WARM_UP_S, Rig
 from tests.odometry.simulation import differential_drive, steered_drive
 from wackel_diagnoser.core import Diagnoser
@@ -42,6 +43,7 @@ from wackel_node.config_drive import DriveConfig, GyroConfig
 from wackel_node.garbage import collect_rarely
 from wackel_schemas import component
 from wackel_schemas.residuals import Residuals
+from wackel_virtual.drive_simulation import Cycle
 
 ROBOTS = 100
 SETTLE_S = 2.5
@@ -544,10 +546,8 @@ def _cost(quick: bool) -> list[Table]:
         **{f"{n} steered wheels": steered_drive(n) for n in (3, 4, 6, 8)},
     }
     rounds, calls = 15 if quick else 60, 50
-    actions: list[Callable[[], object]] = [
-        _cycle(config, rounds * calls) for config in drives.values()
-    ]
-    alone = _cycle(drives["4 steered wheels"], rounds * calls, shown=False)
+    actions = [_cycles(config) for config in drives.values()]
+    alone = _cycles(drives["4 steered wheels"], shown=False)
     collect_rarely()  # as the service does
     *figures, unseen, bare = side_by_side(
         *actions, alone, _bare(4), rounds=rounds, calls=calls, cpu=True
@@ -575,27 +575,27 @@ def _cost(quick: bool) -> list[Table]:
     ]
 
 
-def _cycle(config: DriveConfig, count: int, *, shown: bool = True) -> Callable[[], object]:
-    """The next of so many cycles of a robot that drives, from messages that lie ready.
-
-    They are not used twice: where the robot would jump back, there would be something to diagnose.
+def _cycles(config: DriveConfig, *, shown: bool = True) -> Prepared[Cycle]:
+    """Cycles of a robot that drives; none twice: where the robot would jump back, there would be
+    something to diagnose.
 
     Args:
         config: Of the robot.
-        count: How many.
         shown: Whether somebody looks at residuals.
     """
     rig = Rig.of("cost", config)
-    cycles = iter([rig.simulation.step(*twist) for twist in rig.path[:count].tolist()])
+    path = cycle(rig.path.tolist())
     diagnoser = Diagnoser(config, {"body": GyroConfig()}, lambda: shown)
 
-    def cycle() -> None:
-        each = next(cycles)
+    def drive(count: int) -> list[Cycle]:
+        return [rig.simulation.step(*twist) for twist in islice(path, count)]
+
+    def diagnose(each: Cycle) -> None:
         diagnoser.command(each.command)
         diagnoser.imu("body", each.imu)
         diagnoser.bus_state(rig.simulation.bus, each.state)
 
-    return cycle
+    return Prepared(drive, diagnose)
 
 
 def _bare(wheels: int) -> Callable[[], object]:
