@@ -41,9 +41,9 @@ from wackel_schemas.message import Message
 
 RATE = 100.0
 """Hz for which false alarms are designed; at another rate they scale with it."""
-LEARN_EVERY, FIRST_EVERY = 16, 4
-"""Steps; what is learnt changes within seconds, and neighbouring steps teach the same. At first, as
-long as there are no verdicts, of most steps that tell anything new."""
+LEARN_EVERY, OFTEN = 16, 8
+"""Steps; what is learnt changes within seconds, and neighbouring steps teach the same. Lags are
+learnt more often, for what tells of them is soon over, and so is all until there are verdicts."""
 LOOK_EVERY = 4
 """Steps, at hypotheses while nothing stirs: of neighbouring steps, a quarter is new
 (:mod:`wackel_diagnoser.sequential`)."""
@@ -199,10 +199,11 @@ class Diagnoser:
         young = self._driven_s < ACQUAINTED_S
         calm = sequential.verdict == 0 and sequential.alarm < CALM and not self._stands
         self._steps_made += 1
-        every = FIRST_EVERY if young else LEARN_EVERY
-        learning = calm and self._steps_made % every == 0
+        often = calm and self._steps_made % OFTEN == 0
+        target = self._reference.step(step, seconds * OFTEN if often else 0.0)
+        every = OFTEN if young else LEARN_EVERY
+        learning = often and self._steps_made % every == 0
         learnt_s = seconds * every if learning else 0.0
-        target = self._reference.step(step, learnt_s)
         loads = partial(self._efforts.loads, seconds, target.speed)
         measured = rows.measure(step, target, self._bias.value, loads)
         looked = self._look(measured, seconds, known=target.known)
