@@ -46,7 +46,7 @@ LEARN_EVERY, OFTEN = 16, 8
 learnt more often, for what tells of them is soon over, and so is all until there are verdicts."""
 LOOK_EVERY = 4
 """Steps, at hypotheses while nothing stirs: of neighbouring steps, a quarter is new
-(:mod:`wackel_diagnoser.sequential`)."""
+(:mod:`wackel_diagnoser.sequential`). Of those that teach, it is all: they are multiples of it."""
 MOTORS_EVERY = 8
 """Steps, from look to look at what they push, which hardly changes meanwhile."""
 STIRS = 4.0

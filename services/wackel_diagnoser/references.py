@@ -232,6 +232,6 @@ class ReferenceErrors:
         share = 0.5 if known else 1.0
         if most < share * self._limit:
             return None
-        if most - max(*sure[:wheel], *sure[wheel + 1 :], floor) < share * CLEAR:
+        if most - max([*sure[:wheel], *sure[wheel + 1 :], floor]) < share * CLEAR:
             return None
         return WrongZero(wheel, float(SIZES[self._evidence[wheel].argmax()]), most)
