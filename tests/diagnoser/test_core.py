@@ -37,3 +37,16 @@ def test_the_same_messages_give_the_same_conclusions() -> None:
         return [rig.reports, rig.residuals]
 
     assert conclusions() == conclusions()
+
+
+def test_who_looks_at_residuals_changes_no_conclusion() -> None:
+    def conclusions(*, shown: bool) -> list[object]:
+        rig = Rig.of("tune/again", shown=shown)
+        rig.drive(12.0)
+        rig.inject("drive_sensor_scale", "w1", 0.1)
+        rig.drive(2.0)
+        return [*rig.reports, rig.exclusions]
+
+    unseen = conclusions(shown=False)
+    assert len(unseen) > 1
+    assert conclusions(shown=True) == unseen

@@ -44,3 +44,23 @@ def test_three_outliers_raise_no_alarm_and_a_fourth_step_names_what_is_clear(
         assert sequential.proposal() is None
     sequential.step(faulty, STEP_S)
     assert sequential.proposal() == explanation
+
+
+def test_a_look_stands_for_the_steps_that_were_passed_over() -> None:
+    each, once = (healthy(steered_drive(4))[0] for _ in range(2))
+    likelihood = np.zeros(len(each.sums))
+    likelihood[1] = 2.0
+    for _ in range(4):
+        each.step(likelihood, STEP_S)
+    once.step(likelihood, 4 * STEP_S, 4)
+    assert once.sums == pytest.approx(each.sums)
+    assert not once.at_rest
+
+
+def test_a_look_that_stands_for_many_steps_is_one_outlier_at_most() -> None:
+    sequential, number, _ = healthy(steered_drive(4))
+    faulty = np.full(len(sequential.sums), -CLEAR)
+    faulty[number] = 0.0
+    for _ in range(3):
+        sequential.step(faulty, 4 * STEP_S, 4)
+        assert sequential.alarm < 1.0
