@@ -16,8 +16,8 @@ NOISE = 1.5 * LEAST
 """A, or share of the greatest load, by which the reading of an idle motor sways."""
 AWAKE_S = 0.3
 """The others work if they have done so for this long."""
-INDEPENDENT = 0.5
-"""Share of a look that is new: of 12 a second, since forces last for a sixth of a second."""
+INDEPENDENT = 0.25
+"""Share of a look that is new: of 25 a second, since forces last for a sixth of a second."""
 FOR = 2.5
 AGAINST = 30.0
 """Of one look's evidence: a motor that has nothing to do now may have in a moment, but one that

@@ -15,7 +15,7 @@ from wackel_schemas.fault import FaultReport
 
 NEEDS = Needs(friction=0.15, mass=0.05, turning=-0.025, unsure=0.0)
 USUAL = [0.1**2] * 4
-LOOK_S = 0.08
+LOOK_S = 0.04
 STRAIGHT = [0.0] * 4
 
 
