@@ -211,6 +211,8 @@ class Efforts:
         a, b, c, d, e, f, x, y, z = self._sums
         known = a + UNKNOWN, b, c, d + UNKNOWN, e, f + alike
         (p, q, r, s, t, u), determinant = cofactors(known)
+        if not (determinant > 0.0 and p >= 0.0):  # as rounding may make them of nonsense
+            return
         self._needs = Needs(
             friction=(p * x + q * y + r * z) / determinant,
             mass=(q * x + s * y + t * z) / determinant,
