@@ -2,7 +2,8 @@
 
 Such a wheel rolls as all others do; only the current shows it. A motor that drives needs current
 for friction, for its share of the robot's acceleration, and for what wheels push against each
-other. One that turns alone needs only the first, while the others work.
+other. One that turns alone needs only the first, while the others work, whether the robot hastens
+or slows down.
 """
 
 import math
@@ -29,8 +30,10 @@ LONG_S = 20.0
 BURST = 9.0
 """What is usual is followed over so long; what is more than so many times that counts as so much,
 for a wheel that was blocked for a second does not usually push as hard."""
-MOST = 1.5
-"""Evidence by what is needed, beyond which no more is gathered, so that it can heal."""
+ONE_WAY = 0.75
+"""Of the limit, that slowing down may bring, or hastening; the other has to confirm it. What wheels
+push each other may just be what one of them needs, for as long as the robot slows down. No more is
+gathered, so that it can heal."""
 _SWAYING = NOISE**2  # as a variance; worked out once
 
 
@@ -48,7 +51,8 @@ class IdleMotors:
     def __init__(self, count: int, rate: float) -> None:
         self.found = [False] * count
         self._limit = threshold(count, rate)
-        self._sums = [0.0] * count
+        # Evidence from slowing down, and from hastening.
+        self._gathered = [[0.0, 0.0] for _ in range(count)]
         self._awake = [0.0] * count
         self._before: tuple[list[float], list[float]] | None = None
         self._usual: list[float] | None = None
@@ -87,7 +91,7 @@ class IdleMotors:
             awake[i] += (amperes * amperes / max(mean, _SWAYING) - awake[i]) * share
         # The laziest of the others says how much there is to do.
         lowest, second = sorted(awake)[:2]
-        sums, most = self._sums, MOST * self._limit
+        most = ONE_WAY * self._limit
         sways, unsure = (FRICTION * needs.friction) ** 2, needs.unsure**2
         for i, mean in enumerate(means):
             works = mean * min(lowest if awake[i] > lowest else second, 1.0)
@@ -102,11 +106,16 @@ class IdleMotors:
                 noise, inertia = _SWAYING + doubt, inertias[i] * inertias[i]
                 if not (max(mean, inertia) >= WORKS * noise and inertia >= noise):
                     told = 0.0
-            total = sums[i] + INDEPENDENT * min(max(0.5 * told, -AGAINST), FOR)
-            sums[i] = min(max(total, 0.0), most)
+            told = INDEPENDENT * min(max(0.5 * told, -AGAINST), FOR)
+            gathered, hastens = self._gathered[i], inertias[i] * speeds[i] > 0.0
+            if told > 0.0:
+                gathered[hastens] = min(gathered[hastens] + told, most)
+            elif total := sum(gathered):
+                kept = max(1.0 + told / total, 0.0)
+                gathered[:] = [kept * each for each in gathered]
         self.found = [
-            total > (0.5 if known else 1.0) * self._limit
-            for total, known in zip(sums, self.found, strict=True)
+            sum(gathered) > (0.5 if known else 1.0) * self._limit
+            for gathered, known in zip(self._gathered, self.found, strict=True)
         ]
 
     def _follow(self, usual: list[float], rest: list[float], seconds: float) -> list[float]:

@@ -62,6 +62,13 @@ def test_friction_learnt_at_low_speed_is_not_believed_at_a_higher_one() -> None:
     assert rig.reports == []
 
 
+def test_a_motor_that_others_spare_all_slowing_down_is_not_idle() -> None:
+    """For a second they push its wheel just as much as it would have to brake."""
+    rig = Rig.of("alarms/548", 4, lag_s=0.1057)
+    rig.drive(12.0)
+    assert rig.reports == []
+
+
 def test_a_tyre_that_spends_all_its_grip_is_no_fault_of_its_wheel() -> None:
     """The outer wheel of a robot that turns as quickly as it can slips by a tenth."""
     rig = Rig.of("alarms/311", 3, physics="mujoco", driving="hard", lag_s=0.0219)

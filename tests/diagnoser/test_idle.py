@@ -59,23 +59,25 @@ def test_motors_that_work_are_not_idle() -> None:
     assert not any(motors.found)
 
 
-def hasten(motors: IdleMotors, needs: Needs) -> None:
-    """Lets all motors drive faster than ever, by a share of the speed each second that needs as
-    much current as needs differ from the true ones."""
+def mistake(motors: IdleMotors, unsure: float) -> None:
+    """Lets all motors slow down, and then hasten, so that they need as much less current, and then
+    more, as their friction is taken for less than it is, and then for more."""
     rng = np.random.default_rng(4)
-    growth = (needs.friction - NEEDS.friction) / NEEDS.mass
-    for step in range(round(2.0 / LOOK_S)):
-        speed = 0.3 * math.exp(growth * step * LOOK_S)
-        current = needs.friction * speed + rng.normal(0.0, 0.003, 4)
-        motors.step(LOOK_S, [speed] * 4, STRAIGHT, Rolling(current.tolist(), needs, USUAL))
+    speed, off = 1.6, 0.05
+    for sign in (-1, 1):
+        needs = NEEDS._replace(friction=NEEDS.friction + sign * off, unsure=unsure)
+        for _ in range(round(2.0 / LOOK_S)):
+            speed *= math.exp(sign * off / NEEDS.mass * LOOK_S)
+            current = needs.friction * speed + rng.normal(0.0, 0.003, 4)
+            motors.step(LOOK_S, [speed] * 4, STRAIGHT, Rolling(current.tolist(), needs, USUAL))
 
 
-def test_friction_that_was_learnt_at_low_speed_makes_no_motor_idle() -> None:
+def test_friction_that_is_taken_for_another_makes_no_motor_idle() -> None:
     motors = IdleMotors(4, 1 / LOOK_S)
-    hasten(motors, NEEDS._replace(friction=NEEDS.friction + 0.05))
+    mistake(motors, unsure=0.0)
     assert any(motors.found), "who is sure of it must think so"
     motors = IdleMotors(4, 1 / LOOK_S)
-    hasten(motors, NEEDS._replace(friction=NEEDS.friction + 0.05, unsure=0.05))
+    mistake(motors, unsure=0.05)
     assert not any(motors.found)
 
 
@@ -120,16 +122,17 @@ def drive_evenly(motors: IdleMotors, seconds: float, blocked: int | None = None)
         motors.step(LOOK_S, [0.3] * 4, STRAIGHT, Rolling(current.tolist(), NEEDS, [0.009**2] * 4))
 
 
-def test_on_even_ground_the_first_change_of_speed_tells() -> None:
+def test_on_even_ground_a_change_of_speed_and_back_tells() -> None:
     motors = IdleMotors(4, 1 / LOOK_S)
     rng = np.random.default_rng(3)
-    acceleration = 1.0
+    looks = round(1.2 / LOOK_S)
 
     def drive(idle: int | None) -> None:
-        """Evenly, then faster for a second."""
+        """Evenly, then faster for a second, and slower again."""
         drive_evenly(motors, 5.0)
-        for step in range(round(1.2 / LOOK_S)):
-            speed = 0.3 + step * LOOK_S * acceleration
+        for step in range(2 * looks):
+            acceleration = 1.0 if step < looks else -1.0
+            speed = 0.3 + min(step, 2 * looks - step) * LOOK_S
             load = np.full(4, NEEDS[1] * acceleration)
             if idle is not None:
                 load[idle] = 0.0
@@ -142,6 +145,27 @@ def test_on_even_ground_the_first_change_of_speed_tells() -> None:
     assert not any(motors.found)
     drive(idle=2)
     assert motors.found == [False, False, True, False]
+
+
+def test_a_motor_with_nothing_to_do_is_not_idle_until_it_has_hastened_and_slowed_down() -> None:
+    """What others push may be just what it needs, for as long as the robot hastens."""
+    motors = IdleMotors(4, 1 / LOOK_S)
+    rng = np.random.default_rng(6)
+
+    def drive(seconds: float, acceleration: float, speed: float) -> float:
+        for _ in range(round(seconds / LOOK_S)):
+            speed += acceleration * LOOK_S
+            load = np.full(4, 0.1 * acceleration)
+            load[1] = 0.0
+            current = NEEDS.friction * speed + load + rng.normal(0.0, 0.003, 4)
+            needs = NEEDS._replace(mass=0.1)
+            motors.step(LOOK_S, [speed] * 4, STRAIGHT, Rolling(current.tolist(), needs, USUAL))
+        return speed
+
+    fast = drive(3.0, 1.0, 0.1)
+    assert not any(motors.found)
+    drive(1.5, -1.0, fast)
+    assert motors.found == [False, True, False, False]
 
 
 def test_motors_that_hardly_work_are_not_idle_nor_is_one_that_was_blocked() -> None:
