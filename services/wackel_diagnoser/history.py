@@ -3,11 +3,13 @@
 import math
 from collections import deque
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from wackel_diagnoser.constants import Shown
 from wackel_diagnoser.rows import Rows
+from wackel_kinematics.array import Floats
 
 STANDING = 0.1
 """Share of its commanded speed below which a wheel stands."""
@@ -23,6 +25,25 @@ MOVED_RAD = 0.02
 MOST_STEPS = 300
 
 
+class _Kept(NamedTuple):
+    """What is looked at of a step: all of it for seconds would be more than a cache holds, and to
+    let go of it then takes long.
+
+    Attributes:
+        end: Stamp, UTC ns.
+        heading: Which wheels showed, rad.
+        told: And should have had.
+        speed: At which they should have rolled, m/s, of each roll row.
+        z: What rows measured, shape (M,).
+    """
+
+    end: int
+    heading: list[float]
+    told: list[float]
+    speed: list[float]
+    z: Floats
+
+
 class History:
     """The last :data:`MOST_STEPS` steps.
 
@@ -32,26 +53,27 @@ class History:
 
     def __init__(self, rows: Rows) -> None:
         self._first_roll = rows.rolls.start
-        self._steps: deque[Shown] = deque(maxlen=MOST_STEPS)
+        self._steps: deque[_Kept] = deque(maxlen=MOST_STEPS)
 
     def add(self, shown: Shown) -> None:
         """The newest."""
-        self._steps.append(shown)
+        step, target, measured, _, _ = shown
+        self._steps.append(_Kept(step.end, step.heading, target.heading, target.speed, measured.z))
 
     def standing_share(self, roll: int, since: int) -> float | None:
         """Share of the time in which a wheel stood though it should roll; ``None``: unknown."""
         driven = stood = 0
-        for shown in self._since(since):
-            should = abs(shown.target.speed[roll])
+        for each in self._since(since):
+            should = abs(each.speed[roll])
             if should > DRIVING_M_S:
                 driven += 1
-                stood += abs(float(shown.measured.z[self._first_roll + roll])) < STANDING * should
+                stood += abs(float(each.z[self._first_roll + roll])) < STANDING * should
         return stood / driven if driven else None
 
     def steering_frozen(self, wheel: int, since: int) -> bool:
         """Whether a steering stood although it was told to move."""
-        told = [each.target.heading[wheel] for each in self._since(since)]
-        shown = [each.step.heading[wheel] for each in self._since(since)]
+        told = [each.told[wheel] for each in self._since(since)]
+        shown = [each.heading[wheel] for each in self._since(since)]
         if not told:
             return False
         moved, followed = _spread(told), _spread(shown)
@@ -59,15 +81,13 @@ class History:
 
     def off(self, wheel: int, since: int) -> float:
         """Mean of how far a steering stands off its reference, rad; 0 if unknown."""
-        apart = [
-            each.step.heading[wheel] - each.target.heading[wheel] for each in self._since(since)
-        ]
+        apart = [each.heading[wheel] - each.told[wheel] for each in self._since(since)]
         known = [each for each in apart if math.isfinite(each)]
         return sum(known) / len(known) if known else 0.0
 
-    def _since(self, since: int) -> Iterator[Shown]:
+    def _since(self, since: int) -> Iterator[_Kept]:
         """Those that ended at a stamp or after it."""
-        return (shown for shown in self._steps if shown.step.end >= since)
+        return (each for each in self._steps if each.end >= since)
 
 
 def _spread(values: Sequence[float]) -> float:
