@@ -2,8 +2,8 @@
 
 Such a wheel rolls as all others do; only the current shows it. A motor that drives needs current
 for friction, for its share of the robot's acceleration, and for what wheels push against each
-other. One that turns alone needs only the first, while the others work, whether the robot hastens
-or slows down.
+other. One that turns alone needs only the first, and always the same at the same speed, while the
+others work. How much that is, is learnt meanwhile.
 """
 
 import math
@@ -11,8 +11,13 @@ import math
 from wackel_diagnoser.efforts import LEAST, Rolling
 from wackel_diagnoser.sequential import threshold
 
-FRICTION = 0.1
-"""Share by which the friction of a motor differs from that of the others."""
+LESS = 0.2
+FRICTION = 0.12
+"""Share of the friction that motors seem to have, that one alone lacks, give or take so much: what
+wheels rub away on the floor is taken for friction of their motors."""
+STEADY = 0.02
+"""And share by which that is uncertain once it is learnt: a motor that pushes may just need as
+little as an idle one, but not the same from look to look."""
 NOISE = 1.5 * LEAST
 """A, or share of the greatest load, by which the reading of an idle motor sways."""
 AWAKE_S = 0.3
@@ -23,17 +28,22 @@ FOR = 2.5
 AGAINST = 30.0
 """Of one look's evidence: a motor that has nothing to do now may have in a moment, but one that
 pushes is not idle."""
-WORKS = 9.0
-"""How many times the noise, as squares, motors must need for it to be told that one does not: three
-standard deviations, usually or to accelerate now. On even ground at an even speed they do not."""
+WORKS = 6.25
+"""How many times the noise, as squares, motors must need for it to be told that one does not: two
+and a half standard deviations, usually or to accelerate now. On even ground at an even speed they
+do not."""
+HASTENS = 0.25
+"""And how many times the noise it must take to accelerate now: at an even speed wheels push each
+other as they did before."""
+SURPRISE = 4.0
+"""Of the square of what one needs, by what is usual: more speaks no louder against driving, for it
+speaks against idling as well."""
 LONG_S = 20.0
 BURST = 9.0
 """What is usual is followed over so long; what is more than so many times that counts as so much,
 for a wheel that was blocked for a second does not usually push as hard."""
-ONE_WAY = 0.75
-"""Of the limit, that slowing down may bring, or hastening; the other has to confirm it. What wheels
-push each other may just be what one of them needs, for as long as the robot slows down. No more is
-gathered, so that it can heal."""
+MOST = 1.5
+"""Evidence by what is needed, beyond which no more is gathered, so that it can heal."""
 _SWAYING = NOISE**2  # as a variance; worked out once
 
 
@@ -51,8 +61,9 @@ class IdleMotors:
     def __init__(self, count: int, rate: float) -> None:
         self.found = [False] * count
         self._limit = threshold(count, rate)
-        # Evidence from slowing down, and from hastening.
-        self._gathered = [[0.0, 0.0] for _ in range(count)]
+        self._gathered = [0.0] * count
+        # What each needs by its speed if it is idle, A s/m, and with what variance that is known.
+        self._own = [(0.0, 0.0)] * count
         self._awake = [0.0] * count
         self._before: tuple[list[float], list[float]] | None = None
         self._usual: list[float] | None = None
@@ -91,32 +102,46 @@ class IdleMotors:
             awake[i] += (amperes * amperes / max(mean, _SWAYING) - awake[i]) * share
         # The laziest of the others says how much there is to do.
         lowest, second = sorted(awake)[:2]
-        most = ONE_WAY * self._limit
-        sways, unsure = (FRICTION * needs.friction) ** 2, needs.unsure**2
+        most = MOST * self._limit
         for i, mean in enumerate(means):
             works = mean * min(lowest if awake[i] > lowest else second, 1.0)
-            square = speeds[i] * speeds[i]
-            idle = _SWAYING + sways * square
-            told = _told(alone[i], rest[i], idle, works)
-            if told > 0.0:
-                # Friction that is known badly may look like idling, but excuses nothing.
-                doubt = unsure * square
-                told = min(told, _told(alone[i], rest[i], idle + doubt, works))
-                # At an even speed wheels push each other as they did before: nothing new.
-                noise, inertia = _SWAYING + doubt, inertias[i] * inertias[i]
-                if not (max(mean, inertia) >= WORKS * noise and inertia >= noise):
-                    told = 0.0
+            square, inertia = speeds[i] * speeds[i], inertias[i] * inertias[i]
+            # Friction that is known badly may look like idling; that it is tells nothing.
+            noise = _SWAYING + needs.unsure**2 * square
+            if not self._gathered[i]:
+                self._own[i] = -LESS * needs.friction, (FRICTION * needs.friction) ** 2
+            idle = self._follow_own(i, alone[i], speeds[i], STEADY * needs.friction)
+            surprise = min(rest[i] * rest[i] / (noise + mean), SURPRISE)
+            told = math.log(_SWAYING + works) + surprise - idle
+            # At an even speed wheels push each other as they did before: nothing new.
+            if not (max(mean, inertia) >= WORKS * noise and inertia >= HASTENS * noise):
+                told = min(told, 0.0)
             told = INDEPENDENT * min(max(0.5 * told, -AGAINST), FOR)
-            gathered, hastens = self._gathered[i], inertias[i] * speeds[i] > 0.0
-            if told > 0.0:
-                gathered[hastens] = min(gathered[hastens] + told, most)
-            elif total := sum(gathered):
-                kept = max(1.0 + told / total, 0.0)
-                gathered[:] = [kept * each for each in gathered]
+            self._gathered[i] = min(max(self._gathered[i] + told, 0.0), most)
         self.found = [
-            sum(gathered) > (0.5 if known else 1.0) * self._limit
+            gathered > (0.5 if known else 1.0) * self._limit
             for gathered, known in zip(self._gathered, self.found, strict=True)
         ]
+
+    def _follow_own(self, motor: int, alone: float, speed: float, steady: float) -> float:
+        """Learns what a motor needs by its speed if it is idle.
+
+        Args:
+            motor: Its number.
+            alone: What it needs beyond the friction of all, A.
+            speed: At which it should roll, m/s.
+            steady: Standard deviation with which that stays the same, A s/m.
+
+        Returns:
+            Twice the negative logarithm of how likely that was, up to a constant.
+        """
+        own, unsure = self._own[motor]
+        off, variance = alone - own * speed, _SWAYING + unsure * speed * speed
+        self._own[motor] = (
+            own + unsure * speed / variance * off,
+            max(unsure * _SWAYING / variance, steady * steady),
+        )
+        return math.log(variance) + off * off / variance
 
     def _follow(self, usual: list[float], rest: list[float], seconds: float) -> list[float]:
         """What is usual, from what motors need now; that of one without a wheel stays."""
@@ -125,16 +150,3 @@ class IdleMotors:
             mean if found else mean + share * (min(left * left, BURST * max(mean, _SWAYING)) - mean)
             for mean, left, found in zip(usual, rest, self.found, strict=True)
         ]
-
-
-def _told(alone: float, rest: float, idle: float, works: float) -> float:
-    """Twice the logarithm of how much likelier it is that a motor idles than that it drives.
-
-    Args:
-        alone: What it needs beyond friction, A.
-        rest: And beyond its share of the acceleration.
-        idle: Variance of the first if it idles.
-        works: And by which that of the second is larger if it drives.
-    """
-    driving = idle + works
-    return math.log(driving / idle) + rest * rest / driving - alone * alone / idle

@@ -1,6 +1,7 @@
 """Motors that move nothing, and what is no such motor."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from hypothesis import given
@@ -61,7 +62,8 @@ def test_motors_that_work_are_not_idle() -> None:
 
 def mistake(motors: IdleMotors, unsure: float) -> None:
     """Lets all motors slow down, and then hasten, so that they need as much less current, and then
-    more, as their friction is taken for less than it is, and then for more."""
+    more, as their friction is taken for less than it is, and then for more; usually they push
+    little."""
     rng = np.random.default_rng(4)
     speed, off = 1.6, 0.05
     for sign in (-1, 1):
@@ -69,7 +71,8 @@ def mistake(motors: IdleMotors, unsure: float) -> None:
         for _ in range(round(2.0 / LOOK_S)):
             speed *= math.exp(sign * off / NEEDS.mass * LOOK_S)
             current = needs.friction * speed + rng.normal(0.0, 0.003, 4)
-            motors.step(LOOK_S, [speed] * 4, STRAIGHT, Rolling(current.tolist(), needs, USUAL))
+            rolling = Rolling(current.tolist(), needs, [0.02**2] * 4)
+            motors.step(LOOK_S, [speed] * 4, STRAIGHT, rolling)
 
 
 def test_friction_that_is_taken_for_another_makes_no_motor_idle() -> None:
@@ -147,25 +150,38 @@ def test_on_even_ground_a_change_of_speed_and_back_tells() -> None:
     assert motors.found == [False, False, True, False]
 
 
-def test_a_motor_with_nothing_to_do_is_not_idle_until_it_has_hastened_and_slowed_down() -> None:
-    """What others push may be just what it needs, for as long as the robot hastens."""
-    motors = IdleMotors(4, 1 / LOOK_S)
+def rub(motors: IdleMotors, share: Callable[[float], float]) -> None:
+    """Three motors hasten the robot and slow it down, for six seconds. The second has nothing to do
+    but needs more by a share of the friction that is known, which may depend on the time, s."""
     rng = np.random.default_rng(6)
+    for step in range(round(6.0 / LOOK_S)):
+        seconds = step * LOOK_S
+        speed, acceleration = 1.0 - math.cos(2.0 * seconds), 2.0 * math.sin(2.0 * seconds)
+        load = np.full(4, NEEDS.mass * acceleration)
+        load[1] = share(seconds) * NEEDS.friction * speed
+        current = NEEDS.friction * speed + load + rng.normal(0.0, 0.003, 4)
+        motors.step(LOOK_S, [speed] * 4, STRAIGHT, Rolling(current.tolist(), NEEDS, USUAL))
 
-    def drive(seconds: float, acceleration: float, speed: float) -> float:
-        for _ in range(round(seconds / LOOK_S)):
-            speed += acceleration * LOOK_S
-            load = np.full(4, 0.1 * acceleration)
-            load[1] = 0.0
-            current = NEEDS.friction * speed + load + rng.normal(0.0, 0.003, 4)
-            needs = NEEDS._replace(mass=0.1)
-            motors.step(LOOK_S, [speed] * 4, STRAIGHT, Rolling(current.tolist(), needs, USUAL))
-        return speed
 
-    fast = drive(3.0, 1.0, 0.1)
-    assert not any(motors.found)
-    drive(1.5, -1.0, fast)
+def test_a_motor_alone_may_need_a_third_less_than_motors_that_drive() -> None:
+    """For what wheels rub away on the floor is taken for friction of the motors."""
+    motors = IdleMotors(4, 1 / LOOK_S)
+    rub(motors, lambda _: -0.3)
     assert motors.found == [False, True, False, False]
+
+
+def test_a_motor_that_needs_now_more_now_less_at_the_same_speed_is_not_idle() -> None:
+    """What others push may be nearly what it needs, but it is not the same for long."""
+    motors = IdleMotors(4, 1 / LOOK_S)
+    rub(motors, lambda seconds: -0.2 + 0.3 * math.sin(5.0 * seconds))
+    assert not any(motors.found)
+
+
+def test_a_motor_that_has_nothing_to_do_for_a_second_is_not_idle() -> None:
+    motors = IdleMotors(4, 1 / LOOK_S)
+    look(motors, 5.0, idle=None)
+    look(motors, 1.0, idle=1)
+    assert not any(motors.found)
 
 
 def test_motors_that_hardly_work_are_not_idle_nor_is_one_that_was_blocked() -> None:
@@ -175,6 +191,21 @@ def test_motors_that_hardly_work_are_not_idle_nor_is_one_that_was_blocked() -> N
     drive_evenly(motors, 1.0, blocked=1)
     drive_evenly(motors, 300.0)
     assert not any(motors.found)
+
+
+def test_motors_of_a_robot_that_hastens_gently_are_not_idle() -> None:
+    """They need about as much to hasten as they push each other, and that changes as slowly."""
+    motors = IdleMotors(4, 1 / LOOK_S)
+    rng = np.random.default_rng(7)
+    push = np.zeros(4)
+    for step in range(round(600.0 / LOOK_S)):
+        seconds = step * LOOK_S
+        speed, acceleration = 0.3 - 0.25 * math.cos(seconds), 0.25 * math.sin(seconds)
+        push = 0.98 * push + math.sqrt(1 - 0.98**2) * rng.normal(0.0, 0.012, 4)
+        load = push + NEEDS.mass * acceleration
+        current = NEEDS.friction * speed + load + rng.normal(0.0, 0.003, 4)
+        motors.step(LOOK_S, [speed] * 4, STRAIGHT, Rolling(current.tolist(), NEEDS, [0.012**2] * 4))
+        assert not any(motors.found)
 
 
 NUMBERS = st.floats(-1e3, 1e3) | st.just(math.nan)  # as they can come
