@@ -104,20 +104,21 @@ class IdleMotors:
         lowest, second = sorted(awake)[:2]
         most = MOST * self._limit
         for i, mean in enumerate(means):
-            works = mean * min(lowest if awake[i] > lowest else second, 1.0)
             square, inertia = speeds[i] * speeds[i], inertias[i] * inertias[i]
             # Friction that is known badly may look like idling; that it is tells nothing.
             noise = _SWAYING + needs.unsure**2 * square
-            if not self._gathered[i]:
+            tells = inertia >= HASTENS * noise and max(mean, inertia) >= WORKS * noise
+            gathered = self._gathered[i]
+            if not (tells or gathered):
+                continue
+            if not gathered:
                 self._own[i] = -LESS * needs.friction, (FRICTION * needs.friction) ** 2
             idle = self._follow_own(i, alone[i], speeds[i], STEADY * needs.friction)
+            works = mean * min(lowest if awake[i] > lowest else second, 1.0)
             surprise = min(rest[i] * rest[i] / (noise + mean), SURPRISE)
-            told = math.log(_SWAYING + works) + surprise - idle
-            # At an even speed wheels push each other as they did before: nothing new.
-            if not (max(mean, inertia) >= WORKS * noise and inertia >= HASTENS * noise):
-                told = min(told, 0.0)
-            told = INDEPENDENT * min(max(0.5 * told, -AGAINST), FOR)
-            self._gathered[i] = min(max(self._gathered[i] + told, 0.0), most)
+            told = 0.5 * (math.log(_SWAYING + works) + surprise - idle)
+            told = INDEPENDENT * min(max(told, -AGAINST), FOR if tells else 0.0)
+            self._gathered[i] = min(max(gathered + told, 0.0), most)
         self.found = [
             gathered > (0.5 if known else 1.0) * self._limit
             for gathered, known in zip(self._gathered, self.found, strict=True)
