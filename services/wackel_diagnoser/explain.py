@@ -85,7 +85,8 @@ def _notes(config: RobotConfig) -> list[str]:
         )
     notes.append(
         "  a wheel that rolls freely looks sound: it shows if its servo reports torque off, or if "
-        "its current stays that of a motor alone while the others work"
+        "its current stays that of a motor alone while the others hasten and slow down; creeping "
+        "along does not tell"
     )
     notes.append("  a wheel on ice does not show while the others hold the robot on its way")
     if steered:
