@@ -62,7 +62,8 @@ class IdleMotors:
         self.found = [False] * count
         self._limit = threshold(count, rate)
         self._gathered = [0.0] * count
-        # What each needs by its speed if it is idle, A s/m, and with what variance that is known.
+        # What each needs by its speed beyond the friction of all, A s/m, if it is idle; and with
+        # what variance that is known.
         self._own = [(0.0, 0.0)] * count
         self._awake = [0.0] * count
         self._before: tuple[list[float], list[float]] | None = None
@@ -125,7 +126,7 @@ class IdleMotors:
         ]
 
     def _follow_own(self, motor: int, alone: float, speed: float, steady: float) -> float:
-        """Learns what a motor needs by its speed if it is idle.
+        """Learns what a motor needs by its speed if it is idle: a Kalman filter of that one number.
 
         Args:
             motor: Its number.
