@@ -12,7 +12,7 @@ from wackel_drive.layout import Layout
 from wackel_node.config import ConfigError
 from wackel_node.config_drive import DriveConfig, WheelConfig
 from wackel_schemas.virtual import Injection
-from wackel_virtual.body import FRICTION, WheelStates, World
+from wackel_virtual.body import FRICTION, GRAVITY, WheelStates, World
 
 pytest.importorskip("mujoco")
 
@@ -105,6 +105,42 @@ def test_steps_of_any_length_take_their_time(duration_s: float) -> None:
         body.step(rolling, world, duration_s)
     assert body.pose[0] - start == pytest.approx(0.3, rel=0.01)
     assert np.subtract(body.angle, before) == pytest.approx(6.0, rel=0.01)
+
+
+def braking(kind: str) -> list[tuple[float, float, float]]:
+    """Of a robot whose wheels are braked within 25 ms, each 2 ms: its speed, that at which wheels
+    roll (both as mean of that time) and their mean effort; m/s and shares."""
+    from wackel_virtual.mujoco_body import MujocoBody
+
+    drive = Layout(steered_drive(4)).drive
+    about = (np.arctan2(*drive.xy.T[::-1]) + np.pi / 2).tolist()
+    heading, lever, part = (
+        (about, drive.length_m, 2) if kind == "about" else ([0.0] * drive.n, 1.0, 0)
+    )
+    body, world = MujocoBody(drive, heading), World([FRICTION] * drive.n, (0.0, 0.0, 0.0))
+    radius, goal, result = drive.roll_radius, 0.25, []
+    for cycle in range(400):
+        goal *= np.exp(-0.002 / 0.025) if cycle >= 300 else 1.0
+        wheels = WheelStates((goal / radius).tolist(), [True] * 4, [False] * 4, heading)
+        before, angle = body.pose[part], body.angle
+        body.step(wheels, world, 0.002)
+        robot = lever * (body.pose[part] - before) / 0.002
+        rolled = np.mean(np.subtract(body.angle, angle) * radius) / 0.002
+        result.append((robot, float(rolled), float(np.mean(body.effort))))
+    return result[299:]
+
+
+@pytest.mark.parametrize("kind", ["along", "about"])
+def test_a_robot_stops_with_its_wheels_and_not_before(kind: str) -> None:
+    for robot, rolled, _ in braking(kind):
+        assert robot == pytest.approx(rolled, abs=0.002)
+
+
+def test_motors_show_what_they_push_the_robot_with() -> None:
+    """As those of the fast body do, whose wheels have no inertia."""
+    cycles = braking("along")
+    effort = sum(effort for _, _, effort in cycles[1:])
+    assert effort * FRICTION * GRAVITY * 0.002 == pytest.approx(-cycles[0][0], rel=0.1)
 
 
 def test_a_wheel_comes_free_again() -> None:
