@@ -29,7 +29,8 @@ STANDS_RAD = 0.002
 LONGER = 4.0
 """By what the variance of what a manoeuvre forces is larger here: it lasts longer than a block."""
 LATE = 0.1
-"""By what it is smaller for gyros: that tyres creep by what turns the robot is a lag here."""
+"""By what it is smaller for gyros and drives: that tyres creep by what turns the robot, and that
+drives follow otherwise than expected, is a lag here."""
 LAG_S = 0.02
 """Standard deviations of what is not configured, before driving has shown it: lags behind what
 encoders show, by which a drive or steering stays off its reference, and by which a drive gives way
@@ -135,6 +136,7 @@ class Constants:
         self._noise[rows.steering] = max(STANDS_RAD, config.encoder_step) ** 2
         self._longer = np.full(rows.count, LONGER)
         self._longer[rows.gyros] *= LATE
+        self._longer[rows.rolling] *= LATE
         self._askew = slice(self.askew.start, self.askew.stop)
         # Each row has a parameter of its own; gyros and steerings show theirs as it is.
         self._causes = np.zeros((rows.count, self.count + 1))
