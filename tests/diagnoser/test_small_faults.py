@@ -233,3 +233,12 @@ def test_what_coarse_encoders_round_is_no_change(number: int, driving: str, lag_
     rig = Rig.of(f"vary/coarse/{number}", drive, driving=driving, lag_s=lag_s)
     rig.drive(80.0)
     assert rig.reports == []
+
+
+def test_a_motor_of_a_slow_robot_that_is_hardly_wrong_is_named() -> None:
+    """Its wheels are always on the way to what they are told; how late, is known."""
+    robot = Rig.of("slow/2", 3, lag_s=0.11)
+    robot.drive(30.0)
+    robot.inject("drive_scale", "w2", -0.03)
+    robot.drive(8.0)
+    assert robot.active() == [("wheel_deviates", "wheel/w2/drive")]
