@@ -2,7 +2,7 @@
 
 Two bodies keep this contract: :mod:`wackel_virtual.fast_body` without contact physics, and
 :mod:`wackel_virtual.mujoco_body`. Both take the masses from here, so that they differ only in how
-a wheel touches the floor.
+a wheel touches the floor, and in that wheels and rotors of the latter have inertia.
 
 Lists of single numbers: for some wheels, Python is faster with them than numpy.
 """

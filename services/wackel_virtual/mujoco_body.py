@@ -37,7 +37,7 @@ they slide, at steps of this length; with this one a robot that drags a blocked 
 steps ten times as short, and as on the fast body."""
 ROTOR_SHARE = 0.25
 """Inertia of a motor behind its gear, as a mass at its wheel's rim, by that of the robot per wheel.
-Geared servos have more. With less, the speed of a wheel that slides rings in steps of this length.
+As little as that is, for with less the speed of a wheel that slides rings in steps of this length.
 The implicit integrators would damp that, but only after contacts have been solved for wheels that
 are not damped: the robot then stops before its wheels do."""
 SPRING_M = 0.1
