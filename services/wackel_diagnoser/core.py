@@ -53,7 +53,7 @@ a motor of a badly calibrated robot was called idle after minutes."""
 STIRS = 4.0
 """Square of a miss, by its variance, that has hypotheses looked at in the same step: two standard
 deviations, as one step alone that misses by less speaks for hardly any fault."""
-SHOW_NS = 200_000_000
+SHOW_NS = 250_000_000
 """How often residuals are published: as fast as people read."""
 EXAMINE_NS = 50_000_000
 """How often faults are looked at while one is suspected."""
