@@ -57,6 +57,10 @@ MOST_TOLD = 1.5
 convicts."""
 CLEAR = 5.0
 """Logarithm of how much likelier it is than an error of any other wheel."""
+SHARED = 0.3
+"""Of what another wheel's error explains, which does not count: calibration pulls at all wheels, so
+errors of two explain it about equally well; a wrong zero, that of another of three wheels by half,
+of four by seven tenths."""
 SUSPECTED = 6.0
 """The same against none at all, from which on nothing is learnt, and every block is looked at; else
 every second."""
@@ -228,10 +232,9 @@ class ReferenceErrors:
         *sure, floor = self._sure
         most = max(sure)
         wheel = sure.index(most)
+        other = max([*sure[:wheel], *sure[wheel + 1 :], floor])
         known = self.found is not None and self.found.wheel == wheel
         share = 0.5 if known else 1.0
-        if most < share * self._limit:
-            return None
-        if most - max([*sure[:wheel], *sure[wheel + 1 :], floor]) < share * CLEAR:
+        if most - SHARED * other < share * self._limit or most - other < share * CLEAR:
             return None
         return WrongZero(wheel, float(SIZES[self._evidence[wheel].argmax()]), most)

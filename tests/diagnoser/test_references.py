@@ -98,6 +98,12 @@ def test_bad_calibration_that_deceives_for_as_long_as_a_motion_lasts_is_no_wrong
     assert rig.reports == []
 
 
+def test_bad_calibration_at_which_two_wheels_pull_alike_is_no_wrong_zero() -> None:
+    rig = Rig.of("alarms/501", 4, worse=3.0, physics="mujoco", lag_s=0.0645)
+    rig.drive(70.0)
+    assert rig.reports == []
+
+
 @pytest.mark.parametrize("count", [3, 4])
 def test_a_wrong_zero_is_named_with_its_angle_and_excluded(count: int) -> None:
     rig = Rig.of("tune/zero", count)
