@@ -240,7 +240,13 @@ class Diagnoser:
         self._unwatched_s += seconds
         if self._steps_made % MOTORS_EVERY == 0:
             if (rolling := self._efforts.rolling()) is not None:
-                self._idle.step(self._unwatched_s, target.speed, measured.turning, rolling)
+                self._idle.step(
+                    self._unwatched_s,
+                    target.speed,
+                    measured.turning,
+                    rolling,
+                    faulty=self._verdicts.faulty,
+                )
             self._verdicts.free(map(or_, self._efforts.off, self._idle.found))
             self._unwatched_s = 0.0
         messages: list[Message] = []

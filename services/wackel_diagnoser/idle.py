@@ -70,7 +70,13 @@ class IdleMotors:
         self._usual: list[float] | None = None
 
     def step(
-        self, seconds: float, speeds: list[float], turning: list[float], rolling: Rolling
+        self,
+        seconds: float,
+        speeds: list[float],
+        turning: list[float],
+        rolling: Rolling,
+        *,
+        faulty: list[bool],
     ) -> None:
         """Looks once.
 
@@ -80,6 +86,8 @@ class IdleMotors:
             turning: How much of that is for the robot's turning, m/s.
             rolling: The motors. What is usual is taken over at the first look; later ones follow it
                 on their own.
+            faulty: At which wheels something is known to be wrong: all others fight that. What they
+                need meanwhile, and all at once no more, says nothing of them.
         """
         before, self._before = self._before, (speeds, turning)
         if before is None or len(speeds) < 2:
@@ -97,7 +105,10 @@ class IdleMotors:
         means = self._usual or usual
         if not math.isfinite(sum(alone) + sum(rest) + sum(means)):
             return
-        self._usual = means = self._follow(means, rest, seconds)
+        faults = sum(faulty)
+        if not faults:
+            means = self._follow(means, rest, seconds)
+        self._usual = means
         share, awake = min(1.0, seconds / AWAKE_S), self._awake
         for i, (amperes, mean) in enumerate(zip(alone, means, strict=True)):
             awake[i] += (amperes * amperes / max(mean, _SWAYING) - awake[i]) * share
@@ -105,6 +116,8 @@ class IdleMotors:
         lowest, second = sorted(awake)[:2]
         most = MOST * self._limit
         for i, mean in enumerate(means):
+            if faults > faulty[i]:  # elsewhere
+                continue
             square, inertia = speeds[i] * speeds[i], inertias[i] * inertias[i]
             # Friction that is known badly may look like idling; that it is tells nothing.
             noise = _SWAYING + needs.unsure**2 * square

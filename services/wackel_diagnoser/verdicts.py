@@ -129,6 +129,15 @@ class Verdicts:
         """What is taken to be faulty; none: nothing is."""
         return self._hypotheses.explanations[self._sequential.verdict]
 
+    @property
+    def faulty(self) -> list[bool]:
+        """At which wheels something is, or pushes, in the order of the roll rows."""
+        names = self.components
+        pushed = component.DRIVE in names
+        return [
+            pushed or drive in names or self._steerings[drive] in names for drive in self._drives
+        ]
+
     def stands(self, path: str) -> bool:
         """Whether a part is a drive whose wheel stands while others roll."""
         return any(self._drives[roll] == path for roll in self._standing.rows())
