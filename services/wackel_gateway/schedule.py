@@ -308,7 +308,8 @@ class Schedule:
             job = pings.next_fresh(now_ns)
             if job is not None:
                 return self._run_extra(job, delays=not fits["silent"])
-        # A ping that costs more than can be saved up is run on credit, which the debt repays.
+        # A ping that costs more than can be saved up is run on credit, which the debt repays. So is
+        # a slow read: after one in which the computer slept, only others show that they are cheap.
         afforded = self._spare_ns >= min(costs["silent"], _SPARE_LIMIT_NS)
         if pings.silent and afforded and (fits["silent"] or not self._extra_ran):
             job = pings.next_silent(now_ns)
@@ -318,7 +319,8 @@ class Schedule:
             job = slow.next_doubted()
             if job is not None:
                 return self._run_extra(job, delays=not fits["slow"])
-        if fits["slow"] or (self._spare_ns >= costs["slow"] and not self._extra_ran):
+        afforded = self._spare_ns >= min(costs["slow"], _SPARE_LIMIT_NS)
+        if fits["slow"] or (afforded and not self._extra_ran):
             job = slow.next_usual(now_ns)
             if job is not None:
                 return self._run_extra(job, delays=not fits["slow"])

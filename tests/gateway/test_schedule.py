@@ -313,6 +313,16 @@ def test_a_silent_bus_is_asked_for_ever_even_if_a_ping_costs_more_than_can_be_sa
     assert last_ping > 58 * SECOND_NS
 
 
+def test_slow_reads_go_on_after_one_in_which_the_computer_slept_for_a_second() -> None:
+    run = settled(simulation())
+    job, outcome = next(each for each in run.run(1.0) if each[0].stage is Stage.SLOW)
+    nothing = reader(job.instruction).read(b"")
+    run.schedule.done(job, nothing, outcome.begin_ns, outcome.begin_ns + SECOND_NS)
+    list(run.run(8.0))
+    slow = Counter(job.ids[0] for job, _ in run.run(10.0) if job.stage is Stage.SLOW)
+    assert min(slow[servo] for servo in IDS) >= 30  # as usual
+
+
 def test_background_reads_in_the_pauses_take_nothing_from_the_pings_of_the_silent() -> None:
     servos = [ServoConfig(id=i) for i in range(1, 31)]
     config = BusConfig(port="none", rate=100.0, baud_rate=3_000_000, servos=servos)
