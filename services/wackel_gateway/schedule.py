@@ -299,6 +299,11 @@ class Schedule:
         costs = self._costs.means
         # Twice the mean: what is sent into the pause shall not delay the cycle behind it.
         fits = {kind: self.due_ns - now_ns >= 2 * cost for kind, cost in costs.items()}
+        # What costs more than can be saved up is run on credit, which the debt repays. Else after
+        # one job in which the computer slept, no other would ever show that they are cheap.
+        afforded = {
+            kind: self._spare_ns >= min(cost, _SPARE_LIMIT_NS) for kind, cost in costs.items()
+        }
         # Whatever is new may cost time at once, one job a cycle, for it says what has happened.
         if slow.urgent and (fits["slow"] or not self._extra_ran):
             job = slow.next_urgent()
@@ -308,10 +313,7 @@ class Schedule:
             job = pings.next_fresh(now_ns)
             if job is not None:
                 return self._run_extra(job, delays=not fits["silent"])
-        # A ping that costs more than can be saved up is run on credit, which the debt repays. So is
-        # a slow read: after one in which the computer slept, only others show that they are cheap.
-        afforded = self._spare_ns >= min(costs["silent"], _SPARE_LIMIT_NS)
-        if pings.silent and afforded and (fits["silent"] or not self._extra_ran):
+        if pings.silent and afforded["silent"] and (fits["silent"] or not self._extra_ran):
             job = pings.next_silent(now_ns)
             if job is not None:
                 return self._run_extra(job, delays=not fits["silent"])
@@ -319,8 +321,7 @@ class Schedule:
             job = slow.next_doubted()
             if job is not None:
                 return self._run_extra(job, delays=not fits["slow"])
-        afforded = self._spare_ns >= min(costs["slow"], _SPARE_LIMIT_NS)
-        if fits["slow"] or (afforded and not self._extra_ran):
+        if fits["slow"] or (afforded["slow"] and not self._extra_ran):
             job = slow.next_usual(now_ns)
             if job is not None:
                 return self._run_extra(job, delays=not fits["slow"])
