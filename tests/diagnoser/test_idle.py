@@ -21,6 +21,18 @@ STRAIGHT = [0.0] * 4
 SOUND = [False] * 4
 
 
+def see(
+    motors: IdleMotors,
+    speed: float,
+    current: Floats,
+    usual: list[float] = USUAL,
+    faulty: list[bool] = SOUND,
+) -> None:
+    """One look at motors of a robot that goes straight on, at m/s."""
+    rolling = Rolling(current.tolist(), NEEDS, usual)
+    motors.step(LOOK_S, [speed] * 4, STRAIGHT, rolling, faulty=faulty)
+
+
 def look(
     motors: IdleMotors,
     seconds: float,
@@ -125,13 +137,7 @@ def drive_evenly(motors: IdleMotors, seconds: float, blocked: int | None = None)
         current = NEEDS[0] * 0.3 + push + rng.normal(0.0, 0.003, 4)
         if blocked is not None:
             current[blocked] = 1.2
-        motors.step(
-            LOOK_S,
-            [0.3] * 4,
-            STRAIGHT,
-            Rolling(current.tolist(), NEEDS, [0.009**2] * 4),
-            faulty=SOUND,
-        )
+        see(motors, 0.3, current, [0.009**2] * 4)
 
 
 def fight(motors: IdleMotors, *, known: bool) -> None:
@@ -144,13 +150,7 @@ def fight(motors: IdleMotors, *, known: bool) -> None:
         speed = 0.3 - 0.1 * max(free_s, 0.0)
         load = np.array((1.2, 0.6, 0.4, 0.3)) if free_s < 0.0 else np.full(4, -0.1 * NEEDS.mass)
         current = NEEDS.friction * speed + load + rng.normal(0.0, 0.003, 4)
-        motors.step(
-            LOOK_S,
-            [speed] * 4,
-            STRAIGHT,
-            Rolling(current.tolist(), NEEDS, [0.009**2] * 4),
-            faulty=[known, False, False, False],
-        )
+        see(motors, speed, current, [0.009**2] * 4, faulty=[known, False, False, False])
 
 
 def test_motors_that_no_longer_drag_a_wheel_are_not_idle() -> None:
@@ -178,13 +178,7 @@ def test_on_even_ground_a_change_of_speed_and_back_tells() -> None:
             if idle is not None:
                 load[idle] = 0.0
             current = NEEDS[0] * speed + load + rng.normal(0.0, 0.003, 4)
-            motors.step(
-                LOOK_S,
-                [speed] * 4,
-                STRAIGHT,
-                Rolling(current.tolist(), NEEDS, [0.009**2] * 4),
-                faulty=SOUND,
-            )
+            see(motors, speed, current, [0.009**2] * 4)
 
     drive(idle=None)
     assert not any(motors.found)
@@ -202,9 +196,7 @@ def rub(motors: IdleMotors, share: Callable[[float], float]) -> None:
         load = np.full(4, NEEDS.mass * acceleration)
         load[1] = share(seconds) * NEEDS.friction * speed
         current = NEEDS.friction * speed + load + rng.normal(0.0, 0.003, 4)
-        motors.step(
-            LOOK_S, [speed] * 4, STRAIGHT, Rolling(current.tolist(), NEEDS, USUAL), faulty=SOUND
-        )
+        see(motors, speed, current)
 
 
 def test_a_motor_alone_may_need_a_third_less_than_motors_that_drive() -> None:
@@ -248,13 +240,7 @@ def test_motors_of_a_robot_that_hastens_gently_are_not_idle() -> None:
         push = 0.98 * push + math.sqrt(1 - 0.98**2) * rng.normal(0.0, 0.012, 4)
         load = push + NEEDS.mass * acceleration
         current = NEEDS.friction * speed + load + rng.normal(0.0, 0.003, 4)
-        motors.step(
-            LOOK_S,
-            [speed] * 4,
-            STRAIGHT,
-            Rolling(current.tolist(), NEEDS, [0.012**2] * 4),
-            faulty=SOUND,
-        )
+        see(motors, speed, current, [0.012**2] * 4)
         assert not any(motors.found)
 
 
