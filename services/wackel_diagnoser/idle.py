@@ -86,8 +86,9 @@ class IdleMotors:
             turning: How much of that is for the robot's turning, m/s.
             rolling: The motors. What is usual is taken over at the first look; later ones follow it
                 on their own.
-            faulty: At which wheels something is known to be wrong: all others fight that. What they
-                need meanwhile, and all at once no more, says nothing of them.
+            faulty: At which wheels something is known to be wrong. All others fight that, with far
+                more than they usually need, and all at once no longer; so they are not watched
+                meanwhile, and nothing is learnt.
         """
         before, self._before = self._before, (speeds, turning)
         if before is None or len(speeds) < 2:
@@ -116,7 +117,7 @@ class IdleMotors:
         lowest, second = sorted(awake)[:2]
         most = MOST * self._limit
         for i, mean in enumerate(means):
-            if faults > faulty[i]:  # elsewhere
+            if faults > faulty[i]:  # at another wheel
                 continue
             square, inertia = speeds[i] * speeds[i], inertias[i] * inertias[i]
             # Friction that is known badly may look like idling; that it is tells nothing.
