@@ -2,8 +2,11 @@
 
 import signal
 import socket
+import subprocess
+import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -68,3 +71,14 @@ def wait_until(
             time.sleep(0.01)
         else:
             meanwhile()
+
+
+@contextmanager
+def killed_after(process: subprocess.Popen[str], limit_s: float = 60.0) -> Iterator[None]:
+    """Kills a process that takes longer: who reads what it prints is told of its end."""
+    timer = threading.Timer(limit_s, process.kill)
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()

@@ -19,7 +19,7 @@ from typing import Literal
 import msgspec
 import pytest
 
-from tests.conftest import Rendezvous, wait_until
+from tests.conftest import Rendezvous, killed_after, wait_until
 from wackel_cli.supervisor import (
     FIRST_DELAY_S,
     LONGEST_DELAY_S,
@@ -278,15 +278,19 @@ def up(path: Path) -> Iterator[Up]:
         process.communicate()
 
 
-def read_until(process: subprocess.Popen[str], name: str, event: str) -> list[dict[str, str]]:
-    """The lines up to the one that tells the event; ends when the process does."""
+def read_until(process: subprocess.Popen[str], event: str, *names: str) -> list[dict[str, str]]:
+    """The lines until all named have told the event, in whatever order."""
     assert process.stdout is not None
     lines = []
-    for text in process.stdout:
-        lines.append(json.loads(text))
-        if (lines[-1]["name"], lines[-1]["event"]) == (name, event):
-            return lines
-    raise AssertionError(f"{name} was never {event}: {lines}")
+    missing = set(names)
+    with killed_after(process):
+        for text in process.stdout:
+            lines.append(json.loads(text))
+            if lines[-1]["event"] == event:
+                missing.discard(lines[-1]["name"])
+            if not missing:
+                return lines
+    raise AssertionError(f"{missing} never {event}: {lines}")
 
 
 def pids(lines: list[dict[str, str]]) -> list[int]:
@@ -297,9 +301,9 @@ def pids(lines: list[dict[str, str]]) -> list[int]:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_stops_everything(up: Up, number: signal.Signals) -> None:
     process = up()
-    lines = read_until(process, "aggregator/main", "ready")
+    lines = read_until(process, "ready", "aggregator/main")
     process.send_signal(number)
-    lines += read_until(process, "aggregator/main", "stopped")
+    lines += read_until(process, "stopped", "aggregator/main")
     assert process.wait(10) == 0
     assert len(pids(lines)) == 2  # no bus: classifier and aggregator
     assert not any(map(is_running, pids(lines)))
@@ -308,7 +312,7 @@ def test_a_signal_stops_everything(up: Up, number: signal.Signals) -> None:
 @pytest.mark.process
 def test_nothing_is_left_when_up_itself_is_killed(up: Up) -> None:
     process = up()
-    lines = read_until(process, "aggregator/main", "ready")
+    lines = read_until(process, "ready", "aggregator/main")
     process.kill()
     process.wait()
     children = pids(lines)
@@ -319,10 +323,10 @@ def test_nothing_is_left_when_up_itself_is_killed(up: Up) -> None:
 @pytest.mark.process
 def test_a_killed_service_is_told_and_back_again(up: Up) -> None:
     process = up()
-    lines = read_until(process, "aggregator/main", "ready")
+    lines = read_until(process, "ready", "aggregator/main")
     started = {line["name"]: line["detail"] for line in lines if line["event"] == "started"}
     os.kill(int(started["aggregator/main"].split()[1]), signal.SIGKILL)
-    told = read_until(process, "aggregator/main", "ready")
+    told = read_until(process, "ready", "aggregator/main")
     events = [line["event"] for line in told if line["name"] == "aggregator/main"]
     assert events[:2] == ["exited", "started"]
 
@@ -330,7 +334,7 @@ def test_a_killed_service_is_told_and_back_again(up: Up) -> None:
 @pytest.mark.process
 def test_a_second_up_of_the_same_robot_is_refused(up: Up) -> None:
     first = up()
-    read_until(first, "aggregator/main", "ready")
+    read_until(first, "ready", "aggregator/main")
     second = up()
     assert second.wait(20) == 1
     assert second.stderr is not None
@@ -347,8 +351,7 @@ def test_what_else_is_there_already_joins(up: Up, rendezvous: Rendezvous, path: 
             assert recorder.stderr is not None
             assert "ready" in recorder.stderr.readline()
             process = up()
-            read_until(process, "recorder/main", "ready")
-            read_until(process, "aggregator/main", "ready")
+            read_until(process, "ready", "recorder/main", "aggregator/main")
         finally:
             recorder.kill()  # where a check has failed, it would be waited for in vain
 
@@ -359,7 +362,7 @@ def test_a_rendezvous_that_listens_already_is_used(
     up: Up, rendezvous: Rendezvous, told: bool
 ) -> None:
     process = up(*(["--external-rendezvous"] if told else []))
-    read_until(process, "aggregator/main", "ready")
+    read_until(process, "ready", "aggregator/main")
     process.terminate()
     _, log = process.communicate(timeout=20)
     assert ("using the rendezvous that listens" in log) is not told

@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from tests.conftest import killed_after
+
 WACKEL = str(Path(sys.executable).with_name("wackel"))
 LIMIT_S = 60.0
 """For what takes a second or two on a computer that does nothing else."""
@@ -52,12 +54,13 @@ def read_until(process: "subprocess.Popen[str]", words: str) -> str:
     """What a command prints up to and with the line that contains the words.
 
     Raises:
-        AssertionError: It ended without.
+        AssertionError: It ended without, or was killed as it took longer than ``LIMIT_S``.
     """
     assert process.stdout is not None
     lines = []
-    for line in process.stdout:
-        lines.append(line)
-        if words in line:
-            return "".join(lines)
+    with killed_after(process, LIMIT_S):
+        for line in process.stdout:
+            lines.append(line)
+            if words in line:
+                return "".join(lines)
     raise AssertionError(f"{words!r} was never printed: {lines}")
