@@ -8,7 +8,9 @@ at all has a defined and counted outcome; none of it stops the steps.
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Literal, TypeAlias
+
+import msgspec
 
 from wackel_drive.layout import Joint, Layout
 from wackel_drive.track import Arrival, Track
@@ -44,13 +46,14 @@ MOST_RATE = 1e3
 _AXES = {"x": 0, "y": 1, "z": 2}
 
 
-class Step(NamedTuple):
+class Step(msgspec.Struct, frozen=True, gc=False):
     """What all sensors said of one stretch of time; NaN where one said nothing.
 
     Single numbers: for some wheels, Python is faster with them than numpy.
 
     Attributes:
         begin, end: Stamps, UTC ns.
+        seconds: From one to the other.
         heading: Direction of each wheel in the middle of the step, rad to the left of forward;
             only steered wheels have one.
         steered: How far each wheel was steered meanwhile, rad.
@@ -60,15 +63,11 @@ class Step(NamedTuple):
 
     begin: int
     end: int
+    seconds: float
     heading: list[float]
     steered: list[float]
     wheel_rate: list[float]
     gyro_rate: list[float]
-
-    @property
-    def seconds(self) -> float:
-        """Its length."""
-        return (self.end - self.begin) / 1e9
 
 
 class _Gyro:
@@ -221,7 +220,7 @@ class Alignment:
             turned = gyro.track.pass_by(begin, end)[1]
             gyro_rate.append(math.nan if turned is None else turned / seconds)
         self._done = end
-        return Step(begin, end, heading, steered, wheel_rate, gyro_rate)
+        return Step(begin, end, seconds, heading, steered, wheel_rate, gyro_rate)
 
     def _next_end(self, begin: int) -> int | None:
         """Where the next step ends: at a sample of the first driven wheel that is not absent."""

@@ -1,4 +1,8 @@
-"""Python's search for garbage in cycles, which messages do not leave."""
+"""Python's search for garbage in cycles, which messages do not leave.
+
+Nor do records that are made in every step of a core: they are structs without ``gc``, which spares
+them the search, and are made in a third of the time that named tuples take.
+"""
 
 import gc
 

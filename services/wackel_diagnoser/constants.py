@@ -10,8 +10,8 @@ import math
 from collections.abc import Mapping, Sequence
 from itertools import accumulate, pairwise
 from operator import sub
-from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 from wackel_diagnoser.reference import Target
@@ -44,7 +44,7 @@ REGULAR = 1e-6 * np.eye(3)
 """For drives whose rows do not determine the twist."""
 
 
-class Shown(NamedTuple):
+class Shown(msgspec.Struct, frozen=True, gc=False):
     """A step of a block.
 
     Attributes:

@@ -5,7 +5,6 @@ Time is the stamps of the messages, so a recording gives the same as the robot.
 
 import math
 from collections.abc import Callable, Mapping
-from functools import partial
 from operator import or_
 
 import numpy as np
@@ -205,8 +204,7 @@ class Diagnoser:
         every = OFTEN if young else LEARN_EVERY
         learning = often and self._steps_made % every == 0
         learnt_s = seconds * every if learning else 0.0
-        loads = partial(self._efforts.loads, seconds, target.speed)
-        measured = rows.measure(step, target, self._bias.value, loads)
+        measured = rows.measure(step, target, self._bias.value, self._efforts.loads)
         looked = self._look(measured, seconds, known=target.known)
         moving = measured.speed > MOVING_M_S
         if young:
@@ -326,12 +324,15 @@ class Diagnoser:
 
     def _watch_gyros(self, end: int, measured: Measured) -> None:
         """Which of them are stuck, while the robot is told to turn otherwise than before."""
-        repeating = {name: value for name, value in self._values.items() if value.same > 1}
-        told = measured.followed[2] if repeating else math.nan
-        if math.isfinite(told):
-            for value in repeating.values():
-                value.turns(end, told)
-        self._verdicts.stuck(name for name, value in repeating.items() if value.stuck)
+        stuck = []
+        for name, value in self._values.items():
+            if value.same > 1:
+                told = measured.followed[2]
+                if math.isfinite(told):
+                    value.turns(end, told)
+                if value.stuck:
+                    stuck.append(name)
+        self._verdicts.stuck(stuck)
 
     def _correct(self) -> None:
         """The zero of a steering is wrong, or right again: what was concluded before is void."""

@@ -3,8 +3,8 @@
 import math
 from collections import deque
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 from wackel_diagnoser.constants import Shown
@@ -25,7 +25,7 @@ MOVED_RAD = 0.02
 MOST_STEPS = 300
 
 
-class _Kept(NamedTuple):
+class _Kept(msgspec.Struct, frozen=True, gc=False):
     """What is looked at of a step: all of it for seconds would be more than a cache holds, and to
     let go of it then takes long.
 
@@ -57,8 +57,9 @@ class History:
 
     def add(self, shown: Shown) -> None:
         """The newest."""
-        step, target, measured, _, _ = shown
-        self._steps.append(_Kept(step.end, step.heading, target.heading, target.speed, measured.z))
+        step, target = shown.step, shown.target
+        kept = _Kept(step.end, step.heading, target.heading, target.speed, shown.measured.z)
+        self._steps.append(kept)
 
     def standing_share(self, roll: int, since: int) -> float | None:
         """Share of the time in which a wheel stood though it should roll; ``None``: unknown."""

@@ -115,20 +115,20 @@ class IdleMotors:
             awake[i] += (amperes * amperes / max(mean, _SWAYING) - awake[i]) * share
         # The laziest of the others says how much there is to do.
         lowest, second = sorted(awake)[:2]
-        most = MOST * self._limit
+        most, friction, unsure = MOST * self._limit, needs.friction, needs.unsure**2
         for i, mean in enumerate(means):
             if faults > faulty[i]:  # at another wheel
                 continue
             square, inertia = speeds[i] * speeds[i], inertias[i] * inertias[i]
             # Friction that is known badly may look like idling; that it is tells nothing.
-            noise = _SWAYING + needs.unsure**2 * square
+            noise = _SWAYING + unsure * square
             tells = inertia >= HASTENS * noise and max(mean, inertia) >= WORKS * noise
             gathered = self._gathered[i]
             if not (tells or gathered):
                 continue
             if not gathered:
-                self._own[i] = -LESS * needs.friction, (FRICTION * needs.friction) ** 2
-            idle = self._follow_own(i, alone[i], speeds[i], STEADY * needs.friction)
+                self._own[i] = -LESS * friction, (FRICTION * friction) ** 2
+            idle = self._follow_own(i, alone[i], speeds[i], STEADY * friction)
             works = mean * min(lowest if awake[i] > lowest else second, 1.0)
             surprise = min(rest[i] * rest[i] / (noise + mean), SURPRISE)
             told = 0.5 * (math.log(_SWAYING + works) + surprise - idle)

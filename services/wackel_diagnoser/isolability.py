@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from msgspec.structs import replace
 
 from wackel_diagnoser.bank import Bank
 from wackel_diagnoser.hypotheses import Hypotheses
@@ -95,7 +96,7 @@ class Isolability:
         rows = Rows(self._layout, self._config, self._gyros)
         rows.adopt(rows.configured)  # as driving will have shown
         for _ in range(2):  # the fault lasts: nothing has just jumped
-            measured = rows.measure(step, target, bias, lambda _: unloaded)
+            measured = rows.measure(step, target, bias, lambda *_: unloaded)
         likelihood = self._bank.evaluate(measured.z, measured.h, measured.variance, measured.size)
         hypotheses = self._hypotheses
         best = [
@@ -123,7 +124,7 @@ class Isolability:
         rates[drive.roll_wheels] = motion.wheel_rate[drive.roll_wheels]
         nanoseconds, still = round(1e9 / RATE), [0.0] * drive.n
         gyros = [twist[2]] * len(self._gyros)
-        step = Step(0, nanoseconds, heading.tolist(), still, rates.tolist(), gyros)
+        step = Step(0, nanoseconds, 1 / RATE, heading.tolist(), still, rates.tolist(), gyros)
         speed = (drive.roll_radius * motion.wheel_rate[drive.roll_wheels]).tolist()
         on_time = [0.0] * len(speed)
         target = Target(
@@ -137,12 +138,12 @@ class Isolability:
             number = list(self._gyros).index(fault.removeprefix("gyro/"))
             rate = step.gyro_rate.copy()
             rate[number] += GYRO_OFF
-            return step._replace(gyro_rate=rate)
+            return replace(step, gyro_rate=rate)
         part, wheel = place
         if part == "drive":
             rates = step.wheel_rate.copy()
             rates[wheel] *= 1 - SLOW
-            return step._replace(wheel_rate=rates)
+            return replace(step, wheel_rate=rates)
         heading = step.heading.copy()
         heading[wheel] += OFF_RAD
-        return step._replace(heading=heading)
+        return replace(step, heading=heading)

@@ -3,8 +3,9 @@
 import math
 from collections import deque
 from operator import add, mul, sub
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
+import msgspec
 import numpy as np
 
 from wackel_diagnoser.drive_lags import DriveLags
@@ -34,7 +35,7 @@ _QUARTER = math.pi / 2  # of a turn
 Twist: TypeAlias = tuple[float, float, float]
 
 
-class Target(NamedTuple):
+class Target(msgspec.Struct, frozen=True, gc=False):
     """What the wheels should have done in a step; NaN where it is not known.
 
     Attributes:
@@ -116,9 +117,9 @@ class Reference:
 
     def command(self, message: TwistCommand) -> bool:
         """Takes in a command; says whether it can be one."""
-        twist = (message.vx, message.vy, message.omega)
-        if not all(abs(value) <= FASTEST for value in twist):
-            return False
+        vx, vy, omega = twist = message.vx, message.vy, message.omega
+        if not (abs(vx) <= FASTEST and abs(vy) <= FASTEST and abs(omega) <= FASTEST):
+            return False  # nor if one is NaN, which no comparison holds for
         newest = self._waiting[-1][0] if self._waiting else None
         if newest is not None and message.stamp <= newest:
             self._waiting.clear()  # time was set back; what waits belongs to another

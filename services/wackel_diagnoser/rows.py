@@ -11,8 +11,8 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from operator import add, mul, sub
-from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 from wackel_diagnoser.reference import Target
@@ -75,7 +75,7 @@ MOVING_M_S = 0.05
 _NO_TWIST = [math.nan] * 3
 
 
-class Measured(NamedTuple):
+class Measured(msgspec.Struct, frozen=True, gc=False):
     """Rows of a step; a missing one has z = 0, h = 0 and size = 0, so that it says nothing.
 
     Attributes:
@@ -218,6 +218,7 @@ class Rows:
         # The references' yaw rate, and by how much that has changed of late, rad/s.
         self._told_yaw, self._asked = math.nan, 0.0
         self.every: Bools = np.ones(self.count, dtype=np.bool_)
+        self._expected = np.ones((2, self.count))
         self._untold: Bools = np.arange(self.count) < self.gyros.stop
         self.adopt(UNKNOWN**2 * self.configured)
 
@@ -234,7 +235,7 @@ class Rows:
         calibration: Floats,
         *,
         biases: Floats | float = 0.0,
-        scales: Floats | tuple[float, float] = (1.0, 1.0),
+        scales: Floats | None = None,
     ) -> None:
         """Variances are made from now on of what driving has shown.
 
@@ -243,13 +244,15 @@ class Rows:
                 rate gyros, squares of standard deviations.
             biases: Variances with which those of gyros are known, (rad/s)², shape (g,).
             scales: By how much variances of sensors, and those that manoeuvres add, are larger than
-                expected, shape (2, M) or (2,).
+                expected, shape (2, M); ``None``: they are not.
         """
-        sensors, self._manoeuvre = (np.broadcast_to(each, self.count) for each in scales)
-        # By the square of what each row shows: how far drives follow, and calibration.
-        self._shares = sensors * self._follows
-        self._shares[: self.gyros.stop] += calibration
-        constant, mean = self._causes[: self.count], calibration[: self._constraints].mean()
+        sensors, manoeuvre = self._expected if scales is None else scales
+        # By the square of what each row shows (how far drives follow, and calibration), and of what
+        # is forced or late.
+        self._by_squares = np.concatenate((sensors * self._follows, manoeuvre))
+        self._by_squares[: self.gyros.stop] += calibration
+        constant = self._causes[: self.count]
+        mean = float(np.add.reduce(calibration[: self._constraints])) / self._constraints
         np.multiply(self._noise, sensors[:, None], out=constant)
         constant[self.gyros, 0] += biases
         constant[self.gyros, -1] += (YAWING / self._drive.length_m) ** 2 * mean
@@ -259,7 +262,7 @@ class Rows:
         step: Step,
         target: Target,
         bias: Floats,
-        loads: Callable[[list[float]], Iterable[float]],
+        loads: Callable[[float, list[float], list[float]], Iterable[float]],
     ) -> Measured:
         """The rows of a step.
 
@@ -267,8 +270,8 @@ class Rows:
             step: What the sensors said.
             target: What the wheels should have done.
             bias: Of each gyro, rad/s.
-            loads: What each rolling motor pushes, A or share of load, 0 if unknown; by how much of
-                its reference is for the robot's turning, m/s.
+            loads: What each rolling motor pushes, A or share of load, 0 if unknown: see
+                :meth:`Efforts.loads <wackel_diagnoser.efforts.Efforts.loads>`.
         """
         drive, dt, steered = self._drive, step.seconds, self._steered
         # Single numbers: for some wheels, Python is faster with them than numpy.
@@ -294,7 +297,7 @@ class Rows:
             off, present = [heading[i] - told[i] for i in steered], self.every
             omega = made[2]
             turning_rolls = [lever * omega for lever in rows[1][self.rolls, 2].tolist()]
-            yielded = [-self.gives_way * load for load in loads(turning_rolls)]
+            yielded = [-self.gives_way * load for load in loads(dt, speeds, turning_rolls)]
             missed = [*map(sub, map(sub, rolled, speeds), yielded)]
         else:
             rows = drive.known_rows(stands) if whole else _any_rows(drive, stands)
@@ -404,13 +407,15 @@ class Rows:
             causes: Noise and what is constant, sizes of faults, and slip, shape (3 M,).
         """
         count = self.count
-        squares, loose = values[count : 2 * count], values[2 * count : 3 * count]
-        squares *= squares
-        squares *= self._shares
-        squares += causes[:count]
+        squares = values[count : 3 * count]
+        loose = squares[count:]
         loose += causes[2 * count :]
-        loose *= loose
-        return loose * self._manoeuvre + squares, loose
+        squares *= squares
+        scaled = squares * self._by_squares
+        variance = scaled[:count]
+        variance += causes[:count]
+        variance += scaled[count:]
+        return variance, loose
 
     def _uneven(self, missed: list[float], speeds: list[float], dt: float) -> float:
         """Share by which all speeds may be off, for another time was measured than stamps say.

@@ -192,7 +192,7 @@ class Odometer:
         useless = [not watch.usable(step) for watch in self._gyros.values()]
         if any(useless):
             rates = zip(step.gyro_rate, useless, strict=True)
-            step = step._replace(gyro_rate=[math.nan if no else rate for rate, no in rates])
+            step = replace(step, gyro_rate=[math.nan if no else rate for rate, no in rates])
         estimator = self._filter
         estimator.seconds = step.seconds
         estimator.predict()

@@ -37,7 +37,7 @@ class Straight:
             self._speed += moved
             rate = [mean / self._radius] * self._n
             self.reference.command(TwistCommand(stamp=begin, vx=speed, vy=0.0, omega=0.0))
-            step = Step(begin, self._now_ns, self._heading, self._heading, rate, [0.0])
+            step = Step(begin, self._now_ns, STEP_S, self._heading, self._heading, rate, [0.0])
             self.reference.step(step, STEP_S)
 
     def shuttle(self, seconds: float, lag_s: float) -> None:

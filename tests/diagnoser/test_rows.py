@@ -5,6 +5,7 @@ from random import Random
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from tests.diagnoser.rig import Rig
 from tests.odometry.simulation import differential_drive, other_drives, steered_drive
@@ -45,10 +46,10 @@ class Moving:
             heading[lost] = steered[lost] = rate[lost] = np.nan
         begin, self._end = self._end, self._end + STEP_NS
         each = heading.tolist(), steered.tolist(), rate.tolist()
-        step = Step(begin, self._end, *each, [yaw])
+        step = Step(begin, self._end, STEP_NS / 1e9, *each, [yaw])
         target = self.reference.step(step, 0.0)
         loads = [load, *[0.0] * (len(drive.roll_wheels) - 1)]
-        measured = self.rows.measure(step, target, np.zeros(1), lambda _: loads)
+        measured = self.rows.measure(step, target, np.zeros(1), lambda *_: loads)
         return Shown(step, target, measured, np.zeros(1), [math.nan] * len(drive.roll_wheels))
 
 
@@ -121,7 +122,9 @@ def test_wheels_that_are_calibrated_badly_may_turn_the_robot_otherwise_than_they
     moving.command()
     unsure = []
     for wrong in (0.003, 0.009):
-        moving.rows.adopt(np.full(moving.rows.gyros.stop, wrong**2), scales=(0.0, 0.0))
+        moving.rows.adopt(
+            np.full(moving.rows.gyros.stop, wrong**2), scales=np.zeros((2, moving.rows.count))
+        )
         unsure.append(math.sqrt(moving.shown().measured.variance[moving.rows.gyros].item()))
     assert unsure[1] == pytest.approx(3.0 * unsure[0], rel=0.01)
 
@@ -130,14 +133,14 @@ def test_the_robot_goes_on_as_it_did_long_after_wheels_point_elsewhere() -> None
     """At 1.5 m/s they turn by 57° in 0.1 s; tyres need 0.2 s for what that asks of them."""
     moving = Moving(steered_drive(3))
     moving.command()
-    target = moving.shown().target._replace(speed=[1.5] * 3)
+    target = replace(moving.shown().target, speed=[1.5] * 3)
     skids = []
     for angle in [*[0.0] * 30, *np.linspace(0.0, 1.0, 11), *[1.0] * 30]:
         begin, end = STEP_NS * len(skids), STEP_NS * (len(skids) + 1)
         rate = (1.5 / moving.layout.drive.roll_radius).tolist()
-        step = Step(begin, end, [angle] * 3, [0.0] * 3, rate, [0.0])
-        told = target._replace(heading=[angle] * 3, turned=[0.0] * 3)
-        skids.append(moving.rows.measure(step, told, np.zeros(1), lambda _: [0.0] * 3).creep)
+        step = Step(begin, end, STEP_NS / 1e9, [angle] * 3, [0.0] * 3, rate, [0.0])
+        told = replace(target, heading=[angle] * 3, turned=[0.0] * 3)
+        skids.append(moving.rows.measure(step, told, np.zeros(1), lambda *_: [0.0] * 3).creep)
     turned = 30 + 10
     assert skids[29] < 0.001
     assert 2.0 * 1.5 * math.sin(0.5) - 6.5 * 0.1 < skids[turned] < 1.1

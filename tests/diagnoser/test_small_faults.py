@@ -62,8 +62,8 @@ class Driven:
             (twist[0], twist[1], twist[2]),
         )
         shown = heading + self.off, zeros, rates * self.scale, np.array([yaw])
-        step = Step(begin, self._now, *(each.tolist() for each in shown))
-        measured = self.rows.measure(step, target, np.zeros(1), lambda _: [0.0] * len(speed))
+        step = Step(begin, self._now, STEP_S, *(each.tolist() for each in shown))
+        measured = self.rows.measure(step, target, np.zeros(1), lambda *_: [0.0] * len(speed))
         return Shown(step, target, measured, np.zeros(1), [CURRENT_A] * len(speed))
 
     def drive(self, seconds: float, speed: float = 1.0) -> Iterator[Shown]:

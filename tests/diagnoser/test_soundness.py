@@ -49,7 +49,7 @@ class Named:
         return self._soundness.lasts(seconds)
 
     def _step(self) -> Step:
-        return Step(0, round(1e9 * STEP_S), *([self._told] * 3,) * 3, [0.0])
+        return Step(0, round(1e9 * STEP_S), STEP_S, *([self._told] * 3,) * 3, [0.0])
 
     def _target(self, speed: float) -> Target:
         told, nothing = [self._told] * 3, [0.0] * 3

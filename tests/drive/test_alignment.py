@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import astuple
 
 from wackel_drive.alignment import AHEAD_NS, TO_RESTART, WAIT_NS, Alignment, Step
 from wackel_drive.layout import Layout
@@ -343,5 +344,5 @@ def test_servos_of_one_state_are_as_if_each_had_a_state_of_its_own(heard: list[l
     assert together.counts == apart.counts
     assert ends(ones) == ends(others) != []
     for one, other in zip(ones, others, strict=True):
-        for mine, same in zip(one[2:], other[2:], strict=True):
+        for mine, same in zip(astuple(one)[2:], astuple(other)[2:], strict=True):
             np.testing.assert_array_equal(mine, same)
