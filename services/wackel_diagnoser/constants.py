@@ -163,7 +163,7 @@ class Constants:
 
         measured = [shown.measured for block in blocks for shown in block]
         z = mean([each.z for each in measured])
-        h = mean([each.h.ravel() for each in measured]).reshape(*z.shape, 3)
+        h = mean([each.h for each in measured]).reshape(*z.shape, 3)
         causes, bent = self._caused(blocks, z)
 
         loose = [block[len(block) // 2].measured.loose for block in blocks]

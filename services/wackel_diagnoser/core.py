@@ -283,11 +283,15 @@ class Diagnoser:
 
     def _stirs(self, measured: Measured) -> bool:
         """Whether a wheel or a gyro is further off what it was told than it mostly is."""
-        told = slice(self._rows.gyros.start, None)
-        off = measured.z[told] - measured.h[told, 2] * measured.followed[2]
-        off *= off
-        off /= measured.variance[told]
-        return not off.item(off.argmax()) <= STIRS  # as what is not known may
+        # Single numbers: for some rows, Python is faster with them than numpy.
+        gyros, omega = self._rows.gyros, measured.followed[2]
+        misses = measured.z[gyros.start :].tolist()
+        for at, turns in enumerate(measured.h[gyros, 2].tolist()):
+            misses[at] -= turns * omega
+        for off, variance in zip(misses, measured.variance[gyros.start :].tolist(), strict=True):
+            if not off * off / variance <= STIRS:  # as what is not known may
+                return True
+        return False
 
     def _evaluate(self, measured: Measured) -> Floats:
         return self._bank.evaluate(measured.z, measured.h, measured.variance, measured.size)
@@ -354,7 +358,7 @@ class Diagnoser:
             or self._complaint is not None
             or any(self._efforts.off)
             or any(self._idle.found)
-            or bool(self._reports.active())
+            or self._reports.any_active
         )
         return suspected and not 0 <= now - self._examined < EXAMINE_NS
 

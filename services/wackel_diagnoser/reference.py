@@ -157,19 +157,19 @@ class Reference:
         self._learn_steering_rate(step)
         most = self._steering_rate * dt
         gap = [*map(sub, state, goal)]
-        middle, moved = self._move(gap, dt, most)
+        turns, hastens = gap[:n], gap[n:]
+        middle, moved = self._move(turns, hastens, dt, most)
         self._lags.follow(goal, dt, most)
         if learnt_s and (max(gap) > TELLS or min(gap) < -TELLS):
             self._learn(heading, step, learnt_s)
         fade = math.exp(-dt / SETTLING_S)
         self._envelope = [
-            max(abs(now), fade * before)
-            for now, before in zip(gap[:n], self._envelope, strict=True)
+            max(abs(now), fade * before) for now, before in zip(turns, self._envelope, strict=True)
         ]
         lags = dt / self._lags.used_s[1]
         fade = math.exp(-lags)
         late = self._late = [
-            fade * (before + lags * now) for now, before in zip(gap[n:], self._late, strict=True)
+            fade * (before + lags * now) for now, before in zip(hastens, self._late, strict=True)
         ]
         speed = middle[n:]
         if any(halves):
@@ -181,17 +181,20 @@ class Reference:
             moved,
             self._envelope,
             speed,
-            [*map(abs, gap[n:])],
+            [*map(abs, hastens)],
             [*map(abs, late)],
             goal[:n],
             self._twist,
         )
 
-    def _move(self, gap: list[float], dt: float, most: float) -> tuple[list[float], list[float]]:
+    def _move(
+        self, turns: list[float], hastens: list[float], dt: float, most: float
+    ) -> tuple[list[float], list[float]]:
         """Headings and speeds follow the goal.
 
         Args:
-            gap: By which they are off it.
+            turns: By which headings are off it, rad.
+            hastens: By which speeds are, m/s.
             dt: How long, s.
             most: By how much a steering can turn meanwhile, rad.
 
@@ -202,7 +205,7 @@ class Reference:
         n, goal, before = self._n, self._goal, self._state
         share, lag = math.expm1(-dt / steering_s), steering_s / dt
         moved, middle = [], []
-        for off, at, should in zip(gap[:n], before, goal, strict=False):
+        for off, at, should in zip(turns, before, goal, strict=False):
             turned = share * off
             if -most <= turned <= most:
                 middle.append(should - lag * turned)
@@ -211,7 +214,7 @@ class Reference:
                 middle.append(at + 0.5 * turned)
             moved.append(turned)
         share, lag = math.expm1(-dt / rolling_s), rolling_s / dt
-        hastened = [share * off for off in gap[n:]]
+        hastened = [share * off for off in hastens]
         middle += [should - lag * each for should, each in zip(goal[n:], hastened, strict=True)]
         self._state = [*map(add, before, moved + hastened)]
         return middle, moved

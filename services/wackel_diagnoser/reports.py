@@ -54,6 +54,11 @@ class Reports:
                 changes.append(self._active[key])
         return changes
 
+    @property
+    def any_active(self) -> bool:
+        """Whether there is one."""
+        return bool(self._active)
+
     def active(self) -> list[FaultReport]:
         """In the order in which they began."""
         return list(self._active.values())

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise
 from operator import add, mul, sub
+from struct import Struct
 
 import msgspec
 import numpy as np
@@ -73,6 +74,7 @@ MOVING_M_S = 0.05
 """Slower, residuals say nothing of calibration, and a faulty wheel looks sound."""
 
 _NO_TWIST = [math.nan] * 3
+_NOTHING = (0.0,) * 5  # of a column per kind of rows
 
 
 class Measured(msgspec.Struct, frozen=True, gc=False):
@@ -168,13 +170,12 @@ class Rows:
         wander = np.array([gyro.bias_stability**2 + creep**2 for gyro in settings])
         angle = config.encoder_step**2 + FOLLOWS**2
         scale = np.array([gyro.scale_error for gyro in settings])
-        nothing = (0.0,) * 5
         # What does not depend on a row's own value, in one product: numpy takes long to be called.
         self._noise = per_row(
             (CREEP**2, 0.0, wander, angle, (0.5 * CREEP) ** 2),  # in every step
             (0.0, 0.0, density, 0.0, 0.0),  # by 1/dt
             (0.0, quantum, 0.0, 0.0, quantum),  # by 1/dt²
-            *(nothing,) * 4,
+            *(_NOTHING,) * 4,
         )
         self._causes = np.concatenate(
             (
@@ -183,16 +184,16 @@ class Rows:
                 # Size of a fault.
                 per_row(
                     (SLOWEST, SLOWEST, TREMBLE, 1.0, SLOWEST),
-                    *(nothing,) * 2,
+                    *(_NOTHING,) * 2,
                     (1.0, 1.0, YAW / drive.length_m, 0.0, 1.0),  # by speed
-                    *(nothing,) * 3,
+                    *(_NOTHING,) * 3,
                 ),
                 # What all slip.
                 per_row(
-                    *(nothing,) * 4,
+                    *(_NOTHING,) * 4,
                     (SHARED, SHARED, YAWING / drive.length_m, 0.0, SHARED),  # by mean slip
                     (0.0, 0.0, 0.0, 0.0, 1.0),  # by droop
-                    nothing,
+                    _NOTHING,
                 ),
             )
         )
@@ -219,6 +220,7 @@ class Rows:
         self._told_yaw, self._asked = math.nan, 0.0
         self.every: Bools = np.ones(self.count, dtype=np.bool_)
         self._expected = np.ones((2, self.count))
+        self._pack = Struct(f"{3 * self.count + self._causes.shape[1]}d").pack
         self._untold: Bools = np.arange(self.count) < self.gyros.stop
         self.adopt(UNKNOWN**2 * self.configured)
 
@@ -277,10 +279,10 @@ class Rows:
         # Single numbers: for some wheels, Python is faster with them than numpy.
         heading, turns = step.heading, step.steered
         late, zeros = self.lag_s / dt, self._zeros
-        stands = self._mounted.copy()
+        stands, lag = self._mounted.copy(), []
         for i in steered:
             stands[i] = heading[i] + zeros[i] - late * turns[i]
-        lag = [abs(turns[i]) * (STEERING_LAG_S / dt) for i in steered]
+            lag.append(abs(turns[i]) * (STEERING_LAG_S / dt))
         rates = step.wheel_rate
         rolled = [rates[i] * radius for i, radius in self._radius_of]
         turning = [*map(sub, step.gyro_rate, bias.tolist())]
@@ -289,15 +291,15 @@ class Rows:
         if target.known:
             told, speeds = target.heading, target.speed
             # Wheels follow what they are told as late as what encoders show.
-            aimed, turned = self._mounted.copy(), target.turned
+            aimed, turned, off = self._mounted.copy(), target.turned, []
             for i in steered:
                 aimed[i] = told[i] + zeros[i] - late * turned[i]
+                off.append(heading[i] - told[i])
             rows = drive.known_rows(stands, aimed) if whole else _any_rows(drive, stands, aimed)
             forced, mean, made = self._tyres.slip(rows[1], speeds)
-            off, present = [heading[i] - told[i] for i in steered], self.every
-            omega = made[2]
+            present, omega, way = self.every, made[2], -self.gives_way
             turning_rolls = [lever * omega for lever in rows[1][self.rolls, 2].tolist()]
-            yielded = [-self.gives_way * load for load in loads(dt, speeds, turning_rolls)]
+            yielded = [way * load for load in loads(dt, speeds, turning_rolls)]
             missed = [*map(sub, map(sub, rolled, speeds), yielded)]
         else:
             rows = drive.known_rows(stands) if whole else _any_rows(drive, stands)
@@ -328,39 +330,43 @@ class Rows:
         gaps, slides, uneven = target.heading_gap, len(sliding), self._uneven(missed, speeds, dt)
         # While wheels turn, their references contradict each other: they really slip.
         droop = DROOP_M_S * mean / (mean + GRIP_M_S)
-        values = np.fromiter(
-            [
-                *z,
-                # How much is shown.
-                *sliding,
-                *shown,
-                *turning,
-                *self._no_steering,
-                *shown,
-                # What is forced or late, or belongs to another time.
-                *map(add, forced[:slides], lagging),
-                *forced[slides:],
-                *[
-                    JERK * each + uneven * abs(rate) + self._tyres.late_yaw
-                    for each, rate in zip(self._changed(turning, followed[2]), turning, strict=True)
-                ],
-                *[PENDING * gaps[i] + late for i, late in zip(steered, lag, strict=True)],
-                *[
-                    max(PENDING * gap, LAG * late) + uneven * speed
-                    for gap, late, speed in zip(
-                        target.speed_gap, target.speed_late, shown, strict=True
-                    )
-                ],
-                # What causes depend on.
-                1.0,
-                1 / dt,
-                1 / dt**2,
-                speed,
-                mean,
-                droop,
-                speed * speed,
-            ],
-            np.float64,
+        # Twice as fast as to make an array of a list.
+        values = np.frombuffer(
+            bytearray(
+                self._pack(
+                    *z,
+                    # How much is shown.
+                    *sliding,
+                    *shown,
+                    *turning,
+                    *self._no_steering,
+                    *shown,
+                    # What is forced or late, or belongs to another time.
+                    *map(add, forced[:slides], lagging),
+                    *forced[slides:],
+                    *[
+                        JERK * each + uneven * abs(rate) + self._tyres.late_yaw
+                        for each, rate in zip(
+                            self._changed(turning, followed[2]), turning, strict=True
+                        )
+                    ],
+                    *[PENDING * gaps[i] + late for i, late in zip(steered, lag, strict=True)],
+                    *[
+                        max(PENDING * gap, LAG * late) + uneven * speed
+                        for gap, late, speed in zip(
+                            target.speed_gap, target.speed_late, shown, strict=True
+                        )
+                    ],
+                    # What causes depend on.
+                    1.0,
+                    1 / dt,
+                    1 / dt**2,
+                    speed,
+                    mean,
+                    droop,
+                    speed * speed,
+                )
+            )
         )
         causes = self._causes.dot(values[3 * self.count :])
         size = causes[self.count : 2 * self.count]
@@ -438,8 +444,7 @@ class Rows:
             if abs(speed) > MOVING_M_S and math.isfinite(now - then)
         ]
         if len(faster) > 1:  # of one alone nobody can tell
-            alike = min(faster) > 0.0 or max(faster) < 0.0
-            common = min(map(abs, faster)) if alike else 0.0
+            common = max(min(faster), -max(faster), 0.0)  # none if they differ in sign
             self._shakes = max(min(common, UNCERTAIN_S / dt), SHAKES_FADE * self._shakes)
         return max(abs(off) / dt, self._shakes)
 
