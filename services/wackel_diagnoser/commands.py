@@ -14,9 +14,11 @@ DRAGGED_M_S = 0.02
 MOVING_M_S = 0.1
 """A wheel that rolls slower may be turned on the spot."""
 AT_ONCE_RAD = math.radians(30.0)
-"""Within one command: no servo does that before the robot has moved."""
+"""Within one command, either way round: no servo does that before the robot has moved."""
 LASTING_S = 0.5
 """The centre of rotation may cross a contact; it must not stay there."""
+
+_STANDSTILL, _MOVING, _AT_ONCE = STANDSTILL_M_S**2, MOVING_M_S**2, math.sin(AT_ONCE_RAD) ** 2
 
 
 @dataclass(frozen=True)
@@ -47,7 +49,9 @@ class CommandWatch:
             (i, rows[row].tolist()) for row, i in enumerate(slides) if not drive.steers[i]
         ]
         self._length_m = drive.length_m
-        self._directions = [math.nan] * drive.n
+        # Of each wheel that rolls, how the last command moves it: m/s ahead and to the left, and
+        # the square of its speed.
+        self._before: list[tuple[float, float, float] | None] = [None] * drive.n
         self._singular: tuple[str, float] | None = None
         self._stamp = 0
 
@@ -66,21 +70,27 @@ class CommandWatch:
                     self._names[i],
                 )
         singular = found = None
-        slow, directions = AT_CONTACT * size if size > MOVING_M_S else 0.0, self._directions
+        slow = (AT_CONTACT * size) ** 2 if size > MOVING_M_S else 0.0
+        # Squares: of many commands hardly one is wrong, and roots and angles take longest.
         for i, x, y in self._steered:
             ux, uy = vx - omega * y, vy + omega * x
-            speed = math.hypot(ux, uy)
-            if STANDSTILL_M_S < speed < slow:
+            square = ux * ux + uy * uy
+            if _STANDSTILL < square < slow:
                 singular = self._names[i]
-            direction = math.atan2(uy, ux) if speed > MOVING_M_S else math.nan
-            turn, directions[i] = abs(direction - directions[i]), direction
-            if turn > AT_ONCE_RAD:  # not so if either is not known
-                turn = abs(turn - math.pi * round(turn / math.pi))
-            if turn > AT_ONCE_RAD:
+            before = self._before[i]
+            if not square > _MOVING:
+                self._before[i] = None
+                continue
+            self._before[i] = ux, uy, square
+            if before is None:
+                continue
+            across = before[0] * uy - before[1] * ux
+            if across * across > _AT_ONCE * square * before[2]:
+                turn = math.asin(min(abs(across) / math.sqrt(square * before[2]), 1.0))
                 found = Complaint(
                     "command_infeasible",
                     f"wheel {self._names[i]} would have to turn by {math.degrees(turn):.0f}° "
-                    f"at once while it rolls at {speed:.2f} m/s",
+                    f"at once while it rolls at {math.sqrt(square):.2f} m/s",
                     self._names[i],
                 )
         if found is not None:

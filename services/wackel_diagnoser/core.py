@@ -52,8 +52,8 @@ a motor of a badly calibrated robot was called idle after minutes."""
 STIRS = 4.0
 """Square of a miss, by its variance, that has hypotheses looked at in the same step: two standard
 deviations, as one step alone that misses by less speaks for hardly any fault."""
-SHOW_NS = 250_000_000
-"""How often residuals are published: as fast as people read."""
+SHOW_NS = 240_000_000
+"""How often residuals are published: as fast as people read, and with every sixth look at them."""
 EXAMINE_NS = 50_000_000
 """How often faults are looked at while one is suspected."""
 CALM = 1 / 3
@@ -250,11 +250,11 @@ class Diagnoser:
         messages: list[Message] = []
         if changed or self._to_examine(step.end):
             messages += self._examine(step.end)
-        if changed or self._shown is None or not 0 <= step.end - self._shown < SHOW_NS:
+        if changed:
+            self._shown = None
+        if looked and (self._shown is None or not 0 <= step.end - self._shown < SHOW_NS):
             self._shown = step.end
             if self._is_shown():
-                if not looked:
-                    self._evaluate(measured)
                 messages.append(self._display.residuals(step, target, measured))
         return messages
 

@@ -95,13 +95,12 @@ class IdleMotors:
             return
         # Single numbers: for some motors, Python is faster with them than numpy.
         current, needs, usual = rolling
-        frictions = [needs.friction * now for now in speeds]
-        mass, more = needs.mass / seconds, needs.turning / seconds
+        friction, mass, more = needs.friction, needs.mass / seconds, needs.turning / seconds
         inertias = [
             mass * (now - then) + more * (turns - did)
             for now, then, turns, did in zip(speeds, before[0], turning, before[1], strict=True)
         ]
-        alone = [a - friction for a, friction in zip(current, frictions, strict=True)]
+        alone = [a - friction * now for a, now in zip(current, speeds, strict=True)]
         rest = [a - inertia for a, inertia in zip(alone, inertias, strict=True)]
         means = self._usual or usual
         if not math.isfinite(sum(alone) + sum(rest) + sum(means)):
@@ -115,7 +114,7 @@ class IdleMotors:
             awake[i] += (amperes * amperes / max(mean, _SWAYING) - awake[i]) * share
         # The laziest of the others says how much there is to do.
         lowest, second = sorted(awake)[:2]
-        most, friction, unsure = MOST * self._limit, needs.friction, needs.unsure**2
+        most, unsure = MOST * self._limit, needs.unsure**2
         for i, mean in enumerate(means):
             if faults > faulty[i]:  # at another wheel
                 continue

@@ -275,11 +275,10 @@ class Rows:
             loads: What each rolling motor pushes, A or share of load, 0 if unknown: see
                 :meth:`Efforts.loads <wackel_diagnoser.efforts.Efforts.loads>`.
         """
-        drive, dt, steered = self._drive, step.seconds, self._steered
         # Single numbers: for some wheels, Python is faster with them than numpy.
-        heading, turns = step.heading, step.steered
-        late, zeros = self.lag_s / dt, self._zeros
-        stands, lag = self._mounted.copy(), []
+        drive, steered, zeros = self._drive, self._steered, self._zeros
+        dt, heading, turns = step.seconds, step.heading, step.steered
+        stands, lag, late = self._mounted.copy(), [], self.lag_s / dt
         for i in steered:
             stands[i] = heading[i] + zeros[i] - late * turns[i]
             lag.append(abs(turns[i]) * (STEERING_LAG_S / dt))
@@ -369,13 +368,15 @@ class Rows:
             )
         )
         causes = self._causes.dot(values[3 * self.count :])
+        variance, loose = self._variances(values, causes)
         size = causes[self.count : 2 * self.count]
         if present is not self.every:
             size *= present
         return Measured(
             values[: self.count],
             h,
-            *self._variances(values, causes),
+            variance,
+            loose,
             size,
             yielded,
             speed,
