@@ -37,9 +37,10 @@ class AdapterLag:
 
     def late(self, transaction: Transaction, now_ns: int) -> None:
         """All answers came as they should, but later than usual by at least :data:`HELD_NS`."""
-        # Where the first of them was not late, a servo among others is slow.
-        first_ns = transaction.chunks[0].at_ns - transaction.sent_ns
-        self._held(min(transaction.late_ns, first_ns), now_ns, transaction.stamp)
+        lag_ns = _all_late_ns(transaction)
+        if lag_ns >= HELD_NS and self._silent_ns is not None:
+            lag_ns = now_ns - self._silent_ns  # it stalls since then, and has lost the rest
+        self._held(lag_ns, now_ns, transaction.stamp)
 
     def look(
         self, transaction: Transaction, data: bytes, now_ns: int, *, late: bool, incomplete: bool
@@ -57,7 +58,8 @@ class AdapterLag:
             self._silent_ns = None
         # Answers that collided when all went on are no packets.
         wrecks = not transaction.instruction and len(data) >= STATUS_BYTES
-        if self._silent_ns is not None and (late or wrecks):
+        tardy = bool(data) and _all_late_ns(transaction) >= HELD_NS
+        if self._silent_ns is not None and (late or wrecks or tardy):
             self._held(now_ns - self._silent_ns, now_ns, transaction.stamp)
         elif late:
             self._held(HELD_NS, now_ns, transaction.stamp)
@@ -83,3 +85,9 @@ class AdapterLag:
     def findings(self, now_ns: int) -> list[Finding]:
         """Whether it stalls so often that control suffers."""
         return self._lags.findings(now_ns)
+
+
+def _all_late_ns(transaction: Transaction) -> int:
+    """By how much all that came was later than usual; where the first of it was not, a servo among
+    others is slow."""
+    return min(transaction.late_ns, transaction.chunks[0].at_ns - transaction.sent_ns)

@@ -277,7 +277,8 @@ class BusClassifier:
             news = True
             if event is not None and not again:
                 spoken = outcome is Outcome.LOST or event.mark is Mark.DAMAGED
-                self._losses.failed(event, stamp, spoken=spoken)
+                if not (spoken and self._adapter_lag.excuses(now_ns)):
+                    self._losses.failed(event, stamp, spoken=spoken)
         reach.heard(heard, now_ns)
         self._losses.succeeded(heard)
         return missed, news, wrecked
