@@ -35,15 +35,30 @@ class AdapterLag:
         self._held_ns = -APART_NS
         self._excuses_until_ns = -1
 
-    def late(self, transaction: Transaction, now_ns: int) -> None:
-        """All answers came as they should, but later than usual by at least :data:`HELD_NS`."""
+    def late(self, transaction: Transaction, now_ns: int, *, incomplete: bool) -> None:
+        """All answers came as they should, but later than usual by at least :data:`HELD_NS`.
+
+        Args:
+            transaction: In which they did.
+            now_ns: Classifier's time.
+            incomplete: Whether an answer was missing in the one before.
+        """
+        if not incomplete:
+            self._silent_ns = None
         lag_ns = _all_late_ns(transaction)
         if lag_ns >= HELD_NS and self._silent_ns is not None:
             lag_ns = now_ns - self._silent_ns  # it stalls since then, and has lost the rest
         self._held(lag_ns, now_ns, transaction.stamp)
 
     def look(
-        self, transaction: Transaction, data: bytes, now_ns: int, *, late: bool, incomplete: bool
+        self,
+        transaction: Transaction,
+        data: bytes,
+        now_ns: int,
+        *,
+        late: bool,
+        incomplete: bool,
+        present: bool,
     ) -> None:
         """At a transaction that is not as it should be, or that somebody waits for.
 
@@ -53,6 +68,7 @@ class AdapterLag:
             now_ns: Classifier's time.
             late: Whether there are answers to earlier requests among it.
             incomplete: Whether an answer was missing in the one before.
+            present: Whether anyone was asked who is not known to be gone.
         """
         if not incomplete:
             self._silent_ns = None
@@ -65,7 +81,7 @@ class AdapterLag:
             self._held(HELD_NS, now_ns, transaction.stamp)
         if data:
             self._silent_ns = None
-        elif self._silent_ns is None:
+        elif self._silent_ns is None and present:
             self._silent_ns = now_ns
 
     def _held(self, lag_ns: int, now_ns: int, stamp: int) -> None:

@@ -126,7 +126,7 @@ class BusClassifier:
             self._heard = transaction
             answers = request.reader.read(data)
             if transaction.late_ns >= HELD_NS and data and answers.clean:
-                self._adapter_lag.late(transaction, self._now_ns)
+                self._adapter_lag.late(transaction, self._now_ns, incomplete=self._incomplete)
             if (
                 answers.segments is None
                 and not request.concerns & self._attention
@@ -195,7 +195,14 @@ class BusClassifier:
         jammed = self._jammers.permanent is not None or symptoms.sign is Sign.SATURATED
         late_ids = [s.id for s in answers.unexpected if self._is_late(s.id, request)]
         late = bool(late_ids)
-        self._adapter_lag.look(transaction, data, now_ns, late=late, incomplete=self._incomplete)
+        self._adapter_lag.look(
+            transaction,
+            data,
+            now_ns,
+            late=late,
+            incomplete=self._incomplete,
+            present=not all(map(self._reach.gone, request.positions)),
+        )
         self._hear_late(late_ids, stamp)
         # Bytes of nobody are a jammer's, or of answers that come late and collide with others.
         known = jammed or late or self._late or self._jammers.rhythmic is not None

@@ -307,3 +307,21 @@ def test_a_bus_that_becomes_slower_does_not_stall() -> None:
     chunk = Chunk(at_ns=16_000_000, data=b"".join(map(answer, bus.ids)))
     repeat(30, bus.read_all)
     assert repeat(40, lambda: bus.read_all(late_ns=14_000_000, chunks=[chunk])) == []
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_silence_of_who_is_gone_is_no_stall_even_if_the_next_answers_are_late(known: bool) -> None:
+    """Which they are now and then on a computer that does much else."""
+    bus = Bus(4)
+    repeat(20, bus.read_all)
+    there = b"".join(map(answer, [1, 2]))
+    repeat(100, lambda: bus.read_all(there))  # the other two are gone from now on
+    absent = 4 if known else 9
+    chunk = Chunk(at_ns=3_500_000, data=there)
+    for _ in range(12):
+        bus.take(packet.ping(absent), [absent], b"", purpose="ping")
+        active = bus.take(
+            packet.sync_read([1, 2], 132, 4), [1, 2], there, late_ns=2_000_000, chunks=[chunk]
+        )
+        repeat(8, lambda: bus.take(packet.sync_read([1, 2], 132, 4), [1, 2], there))
+    assert active == [("cable_break", "bus/main/cable/2-3")]
