@@ -284,6 +284,7 @@ class BusClassifier:
             news = True
             if event is not None and not again:
                 spoken = outcome is Outcome.LOST or event.mark is Mark.DAMAGED
+                # What collides once a stalled adapter goes on is damaged by no cable.
                 if not (spoken and self._adapter_lag.excuses(now_ns)):
                     self._losses.failed(event, stamp, spoken=spoken)
         reach.heard(heard, now_ns)

@@ -18,6 +18,7 @@ AT_ONCE_RAD = math.radians(30.0)
 LASTING_S = 0.5
 """The centre of rotation may cross a contact; it must not stay there."""
 
+# Squares, of speeds and of the sine of that turn.
 _STANDSTILL, _MOVING, _AT_ONCE = STANDSTILL_M_S**2, MOVING_M_S**2, math.sin(AT_ONCE_RAD) ** 2
 
 

@@ -219,7 +219,7 @@ class Rows:
         # The references' yaw rate, and by how much that has changed of late, rad/s.
         self._told_yaw, self._asked = math.nan, 0.0
         self.every: Bools = np.ones(self.count, dtype=np.bool_)
-        self._expected = np.ones((2, self.count))
+        self._expected = np.ones((2, self.count))  # scales while driving has not shown others
         self._pack = Struct(f"{3 * self.count + self._causes.shape[1]}d").pack
         self._untold: Bools = np.arange(self.count) < self.gyros.stop
         self.adopt(UNKNOWN**2 * self.configured)
