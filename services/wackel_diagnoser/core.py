@@ -110,7 +110,7 @@ class Diagnoser:
         self._efforts = Efforts(layout)
         self._idle = IdleMotors(len(layout.drive.roll_wheels), RATE / MOTORS_EVERY)
         self._references = ReferenceErrors(layout, rows)
-        self._history = History(rows)
+        self._history = History(layout)
         self._verdicts = Verdicts(
             layout,
             hypotheses,
@@ -144,6 +144,7 @@ class Diagnoser:
         self._unlooked, self._unlooked_s = 0, 0.0  # steps since
         self._unwatched_s = 0.0  # since motors were looked at
         self._driven_s = 0.0
+        self._stuck: set[str] = set()  # gyros
         self._stands = False  # whether, before there can be a verdict, a wheel stands
         self._restarts = 0
         self._is_shown = shown
@@ -226,7 +227,7 @@ class Diagnoser:
         ):
             self._correct()
         shown = Shown(step, target, measured, self._bias.value, currents)
-        self._history.add(shown)
+        self._history.add(step, target, measured)
         self._small.step(shown, calm=calm)
         rows.lag_s, rows.gives_way = self._small.lag_s, self._small.gives_way
         if learning:
@@ -299,7 +300,7 @@ class Diagnoser:
     def _one_stands(self, target: Target, measured: Measured) -> bool:
         """Whether a wheel that is told to roll stands while another rolls."""
         rolls = self._rows.rolls
-        driven = stand(target.speed, measured.z[rolls].tolist(), measured.present[rolls].tolist())
+        driven = stand(target.speed, measured.rolled, measured.present[rolls].tolist())
         return any(driven.values()) and not all(driven.values())
 
     def _learn(self, measured: Measured, seconds: float, moving: bool) -> None:
@@ -328,15 +329,17 @@ class Diagnoser:
 
     def _watch_gyros(self, end: int, measured: Measured) -> None:
         """Which of them are stuck, while the robot is told to turn otherwise than before."""
-        stuck = []
+        stuck = set()
         for name, value in self._values.items():
             if value.same > 1:
                 told = measured.followed[2]
                 if math.isfinite(told):
                     value.turns(end, told)
                 if value.stuck:
-                    stuck.append(name)
-        self._verdicts.stuck(stuck)
+                    stuck.add(name)
+        if stuck != self._stuck:
+            self._stuck = stuck
+            self._verdicts.stuck(stuck)
 
     def _correct(self) -> None:
         """The zero of a steering is wrong, or right again: what was concluded before is void."""
@@ -352,7 +355,9 @@ class Diagnoser:
         if self._exclusions is None:
             # The first word: what a diagnoser before this one excluded is to be believed again.
             return True
-        suspected = (
+        if 0 <= now - self._examined < EXAMINE_NS:
+            return False
+        return (
             self._sequential.verdict != 0
             or self._references.found is not None
             or self._complaint is not None
@@ -360,7 +365,6 @@ class Diagnoser:
             or any(self._idle.found)
             or self._reports.any_active
         )
-        return suspected and not 0 <= now - self._examined < EXAMINE_NS
 
     def _examine(self, now: int) -> list[Message]:
         """What has changed of faults and exclusions."""

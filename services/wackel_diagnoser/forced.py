@@ -107,7 +107,7 @@ def observe(block: Block, rows: Rows) -> Observed:
                 *step.heading,
                 *target.heading,
                 *target.speed,
-                *measured.z[rows.rolls].tolist(),
+                *measured.rolled,
                 *current,
             ]
             for step, target, measured, current in block

@@ -1,14 +1,14 @@
 """The last seconds of each wheel, to call a fault by its row of the paper's table 1."""
 
 import math
-from collections import deque
-from collections.abc import Iterator, Sequence
+from struct import Struct
 
-import msgspec
 import numpy as np
 
-from wackel_diagnoser.constants import Shown
-from wackel_diagnoser.rows import Rows
+from wackel_diagnoser.reference import Target
+from wackel_diagnoser.rows import Measured
+from wackel_drive.alignment import Step
+from wackel_drive.layout import Layout
 from wackel_kinematics.array import Floats
 
 STANDING = 0.1
@@ -25,73 +25,70 @@ MOVED_RAD = 0.02
 MOST_STEPS = 300
 
 
-class _Kept(msgspec.Struct, frozen=True, gc=False):
-    """What is looked at of a step: all of it for seconds would be more than a cache holds, and to
-    let go of it then takes long.
-
-    Attributes:
-        end: Stamp, UTC ns.
-        heading: Which wheels showed, rad.
-        told: And should have had.
-        speed: At which they should have rolled, m/s, of each roll row.
-        z: What rows measured, shape (M,).
-    """
-
-    end: int
-    heading: list[float]
-    told: list[float]
-    speed: list[float]
-    z: Floats
-
-
 class History:
-    """The last :data:`MOST_STEPS` steps.
+    """The last :data:`MOST_STEPS` steps, as numbers side by side.
+
+    The lists that steps bring would take eight times the memory. What lives for seconds pushes out
+    of the processor's nearest memory what the next step needs.
 
     Args:
-        rows: How their measurements are numbered.
+        layout: The drive.
     """
 
-    def __init__(self, rows: Rows) -> None:
-        self._first_roll = rows.rolls.start
-        self._steps: deque[_Kept] = deque(maxlen=MOST_STEPS)
+    def __init__(self, layout: Layout) -> None:
+        n, rolls = layout.drive.n, len(layout.drive.roll_wheels)
+        self._ends = np.cumsum([1, n, n, rolls]).tolist()
+        step = Struct(f"{1 + 2 * n + 2 * rolls}d")
+        self._pack_into, self._size = step.pack_into, step.size
+        # Those that have not been yet ended before all others.
+        self._buffer, self._at = bytearray(np.full((MOST_STEPS, step.size // 8), -math.inf)), 0
 
-    def add(self, shown: Shown) -> None:
+    def add(self, step: Step, target: Target, measured: Measured) -> None:
         """The newest."""
-        step, target = shown.step, shown.target
-        kept = _Kept(step.end, step.heading, target.heading, target.speed, shown.measured.z)
-        self._steps.append(kept)
+        self._pack_into(
+            self._buffer,
+            self._at,
+            step.end,  # as a number it is off by less than a microsecond
+            *step.heading,
+            *target.heading,
+            *target.speed,
+            *measured.rolled,
+        )
+        self._at = (self._at + self._size) % len(self._buffer)
 
     def standing_share(self, roll: int, since: int) -> float | None:
         """Share of the time in which a wheel stood though it should roll; ``None``: unknown."""
-        driven = stood = 0
-        for each in self._since(since):
-            should = abs(each.speed[roll])
-            if should > DRIVING_M_S:
-                driven += 1
-                stood += abs(float(each.z[self._first_roll + roll])) < STANDING * should
-        return stood / driven if driven else None
+        _, _, speed, rolled = self._since(since)
+        should = np.abs(speed[:, roll])
+        driven = should > DRIVING_M_S
+        if not driven.any():
+            return None
+        return float((np.abs(rolled[:, roll]) < STANDING * should)[driven].mean())
 
     def steering_frozen(self, wheel: int, since: int) -> bool:
         """Whether a steering stood although it was told to move."""
-        told = [each.told[wheel] for each in self._since(since)]
-        shown = [each.heading[wheel] for each in self._since(since)]
-        if not told:
-            return False
-        moved, followed = _spread(told), _spread(shown)
+        heading, told, _, _ = self._since(since)
+        moved, followed = _spread(told[:, wheel]), _spread(heading[:, wheel])
         return moved > MOVED_RAD and followed < min(FROZEN_RAD, 0.3 * moved)
 
     def off(self, wheel: int, since: int) -> float:
         """Mean of how far a steering stands off its reference, rad; 0 if unknown."""
-        apart = [each.heading[wheel] - each.told[wheel] for each in self._since(since)]
-        known = [each for each in apart if math.isfinite(each)]
-        return sum(known) / len(known) if known else 0.0
+        heading, told, _, _ = self._since(since)
+        apart = _known(heading[:, wheel] - told[:, wheel])
+        return float(apart.mean()) if len(apart) else 0.0
 
-    def _since(self, since: int) -> Iterator[_Kept]:
-        """Those that ended at a stamp or after it."""
-        return (each for each in self._steps if each.end >= since)
+    def _since(self, since: int) -> list[Floats]:
+        """Of the steps that ended at a stamp or after it, in no order: where wheels pointed and
+        should have, rad, shape (k, n); and at which speed each roll row's should have rolled and
+        did, m/s."""
+        steps = np.frombuffer(self._buffer).reshape(MOST_STEPS, -1)
+        return np.split(steps[steps[:, 0] >= since], self._ends, axis=1)[1:]
 
 
-def _spread(values: Sequence[float]) -> float:
-    series = np.array(values)
-    series = series[np.isfinite(series)]
-    return float(np.ptp(series)) if len(series) else 0.0
+def _known(values: Floats) -> Floats:
+    return values[np.isfinite(values)]
+
+
+def _spread(values: Floats) -> float:
+    known = _known(values)
+    return float(np.ptp(known)) if len(known) else 0.0

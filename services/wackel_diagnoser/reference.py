@@ -158,19 +158,16 @@ class Reference:
         most = self._steering_rate * dt
         gap = [*map(sub, state, goal)]
         turns, hastens = gap[:n], gap[n:]
-        middle, moved = self._move(turns, hastens, dt, most)
+        middle, turned = self._move(gap, dt, most)
         self._lags.follow(goal, dt, most)
         if learnt_s and (max(gap) > TELLS or min(gap) < -TELLS):
             self._learn(heading, step, learnt_s)
         fade = math.exp(-dt / SETTLING_S)
-        self._envelope = [
-            max(abs(now), fade * before) for now, before in zip(turns, self._envelope, strict=True)
-        ]
+        self._envelope = [*map(max, map(abs, turns), [fade * each for each in self._envelope])]
         lags = dt / self._lags.used_s[1]
         fade = math.exp(-lags)
-        late = self._late = [
-            fade * (before + lags * now) for now, before in zip(hastens, self._late, strict=True)
-        ]
+        later = map(add, self._late, [lags * now for now in hastens])
+        late = self._late = [fade * each for each in later]
         speed = middle[n:]
         if any(halves):
             for i, half in enumerate(halves):
@@ -178,7 +175,7 @@ class Reference:
             speed = [*map(mul, self._sign, speed)]
         return Target(
             middle[:n],
-            moved,
+            turned,
             self._envelope,
             speed,
             [*map(abs, hastens)],
@@ -187,14 +184,11 @@ class Reference:
             self._twist,
         )
 
-    def _move(
-        self, turns: list[float], hastens: list[float], dt: float, most: float
-    ) -> tuple[list[float], list[float]]:
+    def _move(self, gap: list[float], dt: float, most: float) -> tuple[list[float], list[float]]:
         """Headings and speeds follow the goal.
 
         Args:
-            turns: By which headings are off it, rad.
-            hastens: By which speeds are, m/s.
+            gap: By which they are off it, rad and m/s.
             dt: How long, s.
             most: By how much a steering can turn meanwhile, rad.
 
@@ -202,22 +196,19 @@ class Reference:
             What they were on average, and by how much steerings turned.
         """
         steering_s, rolling_s = self._lags.used_s
-        n, goal, before = self._n, self._goal, self._state
-        share, lag = math.expm1(-dt / steering_s), steering_s / dt
-        moved, middle = [], []
-        for off, at, should in zip(turns, before, goal, strict=False):
-            turned = share * off
-            if -most <= turned <= most:
-                middle.append(should - lag * turned)
-            else:  # One that turns as fast as it can is half way in the middle of a step.
-                turned = math.copysign(most, turned)
-                middle.append(at + 0.5 * turned)
-            moved.append(turned)
-        share, lag = math.expm1(-dt / rolling_s), rolling_s / dt
-        hastened = [share * off for off in hastens]
-        middle += [should - lag * each for should, each in zip(goal[n:], hastened, strict=True)]
-        self._state = [*map(add, before, moved + hastened)]
-        return middle, moved
+        n, rolls, before = self._n, len(self._rolls), self._state
+        shares = [math.expm1(-dt / steering_s)] * n + [math.expm1(-dt / rolling_s)] * rolls
+        lags = [steering_s / dt] * n + [rolling_s / dt] * rolls
+        moved = [*map(mul, shares, gap)]
+        middle = [*map(sub, self._goal, map(mul, lags, moved))]
+        turned = moved[:n]
+        for i, each in enumerate(turned):
+            if not -most <= each <= most:
+                # One that turns as fast as it can is half way in the middle of a step.
+                turned[i] = moved[i] = math.copysign(most, each)
+                middle[i] = before[i] + 0.5 * moved[i]
+        self._state = [*map(add, before, moved)]
+        return middle, turned
 
     def _aim(self) -> None:
         """Inverse kinematics: each wheel turns to the nearer of the two directions."""

@@ -87,6 +87,7 @@ class Measured(msgspec.Struct, frozen=True, gc=False):
         loose: What the present manoeuvre is expected to add to that, before driving has scaled it,
             shape (M,).
         size: What a fault's share refers to, shape (M,).
+        rolled: What each roll row measured, m/s.
         yielded: By how much each drive is faster than its reference (mostly slower) for what it
             pushes, which has been taken off, m/s, shape (roll rows,).
         speed: The fastest wheel's, m/s.
@@ -102,6 +103,7 @@ class Measured(msgspec.Struct, frozen=True, gc=False):
     variance: Floats
     loose: Floats
     size: Floats
+    rolled: list[float]
     yielded: list[float]
     speed: float
     creep: float
@@ -278,10 +280,10 @@ class Rows:
         # Single numbers: for some wheels, Python is faster with them than numpy.
         drive, steered, zeros = self._drive, self._steered, self._zeros
         dt, heading, turns = step.seconds, step.heading, step.steered
-        stands, lag, late = self._mounted.copy(), [], self.lag_s / dt
+        stands, late, uncertain = self._mounted.copy(), self.lag_s / dt, STEERING_LAG_S / dt
         for i in steered:
             stands[i] = heading[i] + zeros[i] - late * turns[i]
-            lag.append(abs(turns[i]) * (STEERING_LAG_S / dt))
+        lag = [abs(turns[i]) * uncertain for i in steered]
         rates = step.wheel_rate
         rolled = [rates[i] * radius for i, radius in self._radius_of]
         turning = [*map(sub, step.gyro_rate, bias.tolist())]
@@ -290,10 +292,10 @@ class Rows:
         if target.known:
             told, speeds = target.heading, target.speed
             # Wheels follow what they are told as late as what encoders show.
-            aimed, turned, off = self._mounted.copy(), target.turned, []
+            aimed, turned = self._mounted.copy(), target.turned
             for i in steered:
                 aimed[i] = told[i] + zeros[i] - late * turned[i]
-                off.append(heading[i] - told[i])
+            off = [heading[i] - told[i] for i in steered]
             rows = drive.known_rows(stands, aimed) if whole else _any_rows(drive, stands, aimed)
             forced, mean, made = self._tyres.slip(rows[1], speeds)
             present, omega, way = self.every, made[2], -self.gives_way
@@ -349,7 +351,7 @@ class Rows:
                             self._changed(turning, followed[2]), turning, strict=True
                         )
                     ],
-                    *[PENDING * gaps[i] + late for i, late in zip(steered, lag, strict=True)],
+                    *map(add, [PENDING * gaps[i] for i in steered], lag),
                     *[
                         max(PENDING * gap, LAG * late) + uneven * speed
                         for gap, late, speed in zip(
@@ -378,6 +380,7 @@ class Rows:
             variance,
             loose,
             size,
+            rolled,
             yielded,
             speed,
             creep,

@@ -376,7 +376,7 @@ class Verdicts:
         rolls = self._rows.rolls
         self._standing.step(
             target.speed,
-            measured.z[rolls].tolist(),
+            measured.rolled,
             step.seconds,
             measured.present[rolls].tolist(),
         )
