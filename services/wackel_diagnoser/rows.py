@@ -9,7 +9,7 @@ calibration: it is constant, so that hours of one motion say nothing of the next
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from itertools import pairwise
+from itertools import pairwise, repeat
 from operator import add, mul, sub
 from struct import Struct
 
@@ -317,7 +317,7 @@ class Rows:
             rolled, turning = z[self.rolls], z[self.gyros]
             lag = [each if math.isfinite(each) else 0.0 for each in lag]
         shown = [*map(max, map(abs, rolled), map(abs, speeds))]
-        speed = max(shown, default=0.0)
+        speed = max(shown) if shown else 0.0
         # Along the slide rows a wheel's own speed; the robot's where it does not roll by itself.
         sliding = (
             [shown[i] for i in self._slide_roll]
@@ -462,8 +462,7 @@ class Rows:
             self._asked = 0.0
             return [*map(min, now, before)]
         self._asked = max(asked, ASKED_FADES * self._asked)
-        most = ASKED * self._asked
-        return [min(a, b, most) for a, b in zip(now, before, strict=True)]
+        return [*map(min, now, before, repeat(ASKED * self._asked))]
 
 
 def _any_rows(drive: Drive, *headings: Sequence[float]) -> Floats:
