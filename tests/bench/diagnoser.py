@@ -564,9 +564,9 @@ def _cost(quick: bool) -> list[Table]:
                 for name, figure in by_name.items()
             ]
             + [
-                Figure("4 steered wheels, budget", by_name["4 steered wheels"], "µs", None, 150.0),
                 Figure("8 steered wheels, budget", by_name["8 steered wheels"], "µs", None, 400.0),
-                Figure("4 steered wheels, nobody looks at residuals", unseen, "µs"),
+                Figure("4 steered wheels, budget", by_name["4 steered wheels"], "µs", None, 150.0),
+                Figure("the same while nobody looks at residuals", unseen, "µs", None, 150.0),
                 Figure(
                     "8 wheels by 4",
                     by_name["8 steered wheels"] / by_name["4 steered wheels"],
