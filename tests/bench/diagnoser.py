@@ -77,8 +77,9 @@ STEP_US, STEP_OF_8_US = 150.0, 400.0
 """Budgets of a step with four and with eight wheels."""
 STEP_OF_PEER = 3.5
 """The first of them by its peer, which takes 43 µs with Debian's Python while nothing else keeps
-the computer busy. One that others share, and a Python that was built without optimisation, make
-both slower alike: by a quarter on the same computer."""
+the computer busy. A Python that was built without optimisation makes both slower alike, by an
+eighth; so do others that use the computer's memory, though the step, which needs more of it, a
+little more."""
 
 Physics = Literal["fast", "mujoco"]
 
