@@ -144,7 +144,6 @@ class Diagnoser:
         self._unlooked, self._unlooked_s = 0, 0.0  # steps since
         self._unwatched_s = 0.0  # since motors were looked at
         self._driven_s = 0.0
-        self._stuck: set[str] = set()  # gyros
         self._stands = False  # whether, before there can be a verdict, a wheel stands
         self._restarts = 0
         self._is_shown = shown
@@ -329,17 +328,15 @@ class Diagnoser:
 
     def _watch_gyros(self, end: int, measured: Measured) -> None:
         """Which of them are stuck, while the robot is told to turn otherwise than before."""
-        stuck = set()
+        stuck = []
         for name, value in self._values.items():
             if value.same > 1:
                 told = measured.followed[2]
                 if math.isfinite(told):
                     value.turns(end, told)
                 if value.stuck:
-                    stuck.add(name)
-        if stuck != self._stuck:
-            self._stuck = stuck
-            self._verdicts.stuck(stuck)
+                    stuck.append(name)
+        self._verdicts.stuck(stuck)
 
     def _correct(self) -> None:
         """The zero of a steering is wrong, or right again: what was concluded before is void."""

@@ -31,6 +31,9 @@ class History:
     The lists that steps bring would take eight times the memory. What lives for seconds pushes out
     of the processor's nearest memory what the next step needs.
 
+    What it is asked is of the steps that ended at a stamp ``since``, UTC ns, or after it; wheels
+    and roll rows are numbered as the drive's.
+
     Args:
         layout: The drive.
     """
@@ -44,7 +47,13 @@ class History:
         self._buffer, self._at = bytearray(np.full((MOST_STEPS, step.size // 8), -math.inf)), 0
 
     def add(self, step: Step, target: Target, measured: Measured) -> None:
-        """The newest."""
+        """The newest.
+
+        Args:
+            step: What the sensors said.
+            target: What the wheels should have done.
+            measured: The rows of that.
+        """
         self._pack_into(
             self._buffer,
             self._at,

@@ -219,13 +219,9 @@ class PaperSteps:
 
     def _agree(self, twists: list[list[float]]) -> bool:
         """Whether no two are apart: then the least and the greatest of each component are not."""
-        columns: list[tuple[float, ...]] = [*zip(*twists, strict=True)]
-        vx, vy, omega = columns
-        ahead, aside, about = self._tolerance
-        return (
-            max(vx) - min(vx) <= ahead
-            and max(vy) - min(vy) <= aside
-            and max(omega) - min(omega) <= about
+        return all(
+            max(column) - min(column) <= most
+            for column, most in zip(zip(*twists, strict=True), self._tolerance, strict=True)
         )
 
     def _fourth(

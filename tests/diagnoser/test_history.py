@@ -13,7 +13,7 @@ from wackel_diagnoser.reference import Target
 from wackel_diagnoser.rows import Measured, Rows
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
-from wackel_node.config_drive import DriveConfig, GyroConfig
+from wackel_node.config_drive import GyroConfig
 from wackel_virtual.drive_simulation import START_NS
 
 STEP_NS = 10_000_000
@@ -24,7 +24,7 @@ class Driven:
     """Three wheels, of which one may not do what it is told."""
 
     def __init__(self, begin: int = 0) -> None:
-        config: DriveConfig = steered_drive(3)
+        config = steered_drive(3)
         layout = Layout(config)
         self.history = History(layout)
         self.end = begin
