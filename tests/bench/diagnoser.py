@@ -73,13 +73,13 @@ TOLD = 0.98
 DOUBLE = {3: 0.9, 4: 0.95}
 """The same of two faults at once, by the number of wheels."""
 
-STEP_US, STEP_OF_8_US = 150.0, 400.0
-"""Budgets of a step with four and with eight wheels."""
-STEP_OF_PEER = 3.5
+STEP_US = {"4 steered wheels": 150.0, "8 steered wheels": 400.0}
+"""Budgets of a step."""
+STEP_BY_PEER = 3.5
 """The first of them by its peer, which takes 43 µs with Debian's Python while nothing else keeps
-the computer busy. A Python that was built without optimisation makes both slower alike, by an
-eighth; so do others that use the computer's memory, though the step, which needs more of it, a
-little more."""
+the computer busy: what is missed here but not there, is missed by the computer or its Python. One
+that was built without optimisation makes both slower alike, by an eighth; so do others that use the
+computer's memory, though the step, which needs more of it, a little more."""
 
 Physics = Literal["fast", "mujoco"]
 
@@ -563,18 +563,19 @@ def _cost(quick: bool) -> list[Table]:
         *actions, alone, _bare(4), rounds=rounds, calls=calls, cpu=True
     )
     by_name = dict(zip(drives, figures, strict=True))
-    four, eight = by_name["4 steered wheels"], by_name["8 steered wheels"]
-    peer = ("least squares, candidates", bare)
+    of_four, of_eight = STEP_US
+    four, peer = by_name[of_four], ("least squares, candidates", bare)
     return [
         table(
             "Diagnoser: CPU of a step with a gyro and a new command, nothing wrong",
-            [Figure(name, figure, "µs") for name, figure in by_name.items()]
+            [
+                Figure(name, figure, "µs", None, STEP_US.get(name))
+                for name, figure in by_name.items()
+            ]
             + [
-                Figure("4 wheels by their peer", four, "µs", peer, STEP_OF_PEER),
-                Figure("4 wheels, as it is here", four, "µs", None, STEP_US),
-                Figure("the same while nobody looks at residuals", unseen, "µs", None, STEP_US),
-                Figure("8 wheels, as it is here", eight, "µs", None, STEP_OF_8_US),
-                Figure("8 wheels by 4", eight / four, ""),
+                Figure(f"{of_four}, by their peer", four, "µs", peer, STEP_BY_PEER),
+                Figure(f"{of_four}, nobody looks", unseen, "µs", None, STEP_US[of_four]),
+                Figure("8 wheels by 4", by_name[of_eight] / four, ""),
             ],
         )
     ]
