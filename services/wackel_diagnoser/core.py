@@ -40,18 +40,19 @@ from wackel_schemas.message import Message
 
 RATE = 100.0
 """Hz for which false alarms are designed; at another rate they scale with it."""
-LEARN_EVERY, OFTEN = 16, 8
+LEARN_EVERY, LAGS_EVERY, YOUNG_EVERY = 32, 16, 8
 """Steps; what is learnt changes within seconds, and neighbouring steps teach the same. Lags are
-learnt more often, for what tells of them is soon over, and so is all until there are verdicts."""
+learnt more often, for what tells of them is soon over, and all is until there are verdicts."""
 LOOK_EVERY = 4
 """Steps, at hypotheses while nothing stirs: of neighbouring steps, a quarter is new
 (:mod:`wackel_diagnoser.sequential`). Of those that teach, it is all: they are multiples of it."""
 MOTORS_EVERY = 4
 """Steps, from look to look at what they push, which hardly changes meanwhile. Seen half as often,
 a motor of a badly calibrated robot was called idle after minutes."""
-STIRS = 4.0
-"""Square of a miss, by its variance, that has hypotheses looked at in the same step: two standard
-deviations, as one step alone that misses by less speaks for hardly any fault."""
+STIRS = 9.0
+"""Square of a miss, by its variance, that has hypotheses looked at in the same step: three standard
+deviations, which a sound robot hardly ever misses by. What misses by less takes many steps to be
+told, of which every fourth is looked at."""
 SHOW_NS = 240_000_000
 """How often residuals are published: as fast as people read, and with every sixth look at them."""
 EXAMINE_NS = 50_000_000
@@ -199,9 +200,9 @@ class Diagnoser:
         young = self._driven_s < ACQUAINTED_S
         calm = sequential.verdict == 0 and sequential.alarm < CALM and not self._stands
         self._steps_made += 1
-        often = calm and self._steps_made % OFTEN == 0
-        target = self._reference.step(step, seconds * OFTEN if often else 0.0)
-        every = OFTEN if young else LEARN_EVERY
+        lags_every, every = (YOUNG_EVERY,) * 2 if young else (LAGS_EVERY, LEARN_EVERY)
+        often = calm and self._steps_made % lags_every == 0
+        target = self._reference.step(step, seconds * lags_every if often else 0.0)
         learning = often and self._steps_made % every == 0
         learnt_s = seconds * every if learning else 0.0
         measured = rows.measure(step, target, self._bias.value, self._efforts.loads)

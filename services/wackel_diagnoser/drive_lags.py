@@ -27,7 +27,7 @@ will do alike."""
 SLOWED = 0.35
 """The same of what was missed while wheels slowed each other, for a longer lag of rolling: that is
 no lag of theirs."""
-MOST_WAITING = 16
+MOST_WAITING = 32
 """Steps: twice as many as from one that can teach to the next."""
 
 

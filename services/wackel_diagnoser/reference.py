@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from wackel_diagnoser.drive_lags import DriveLags
+from wackel_diagnoser.steering_rate import SteeringRate
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
 from wackel_kinematics.inverse import STANDSTILL_M_S
@@ -18,8 +19,6 @@ from wackel_schemas.drive import TwistCommand
 SETTLING_S = 0.15
 """A servo that turns as fast as it can takes longer than its lag: a quarter turn at 60 rev/min
 0.25 s."""
-LEAST_STEERING_RATE = 2.0
-"""rad/s that every steering reaches; how much faster this one is, driving shows."""
 FRESH_NS = 500_000_000
 """A command older than this is no longer what drives the robot."""
 TELLS = 0.01
@@ -101,8 +100,7 @@ class Reference:
         self._envelope = [0.0] * n
         self._late = [0.0] * len(self._rolls)
         self._lags = DriveLags(n, len(self._rolls))
-        self._steering_rate = LEAST_STEERING_RATE
-        self._turned_before = [0.0] * n, 1.0  # rad, s
+        self._steering_rate = SteeringRate(n, config.encoder_step)
         unknown, none = [math.nan] * n, [math.nan] * len(self._rolls)
         still = [0.0] * len(self._rolls)
         self._unknown = Target(
@@ -154,8 +152,8 @@ class Reference:
         for i in self._steered:
             if not -_QUARTER <= heading[i] - state[i] - math.pi * halves[i] <= _QUARTER:
                 self._turn_half_round(i, heading[i] - state[i])
-        self._learn_steering_rate(step)
-        most = self._steering_rate * dt
+        self._steering_rate.step(step.steered, dt)
+        most = self._steering_rate.now * dt
         gap = [*map(sub, state, goal)]
         turns, hastens = gap[:n], gap[n:]
         middle, turned = self._move(gap, dt, most)
@@ -260,16 +258,3 @@ class Reference:
         ]
         self._lags.learn(shown, learnt_s, slowed=max(self._envelope) > ALIGNED_RAD)
         self._state = self._lags.choose(self._state)
-
-    def _learn_steering_rate(self, step: Step) -> None:
-        """How fast the steering can turn: whatever is wrong, as one has turned, so it can; but a
-        reading that jumps, which lasts one step, is no turn."""
-        before, self._turned_before = self._turned_before, (step.steered, step.seconds)
-        turned, seconds = self._turned_before
-        most = self._steering_rate * seconds
-        if max(turned) <= most and min(turned) >= -most:  # not so if the first is not known
-            return
-        for now, then in zip(turned, before[0], strict=True):
-            rates = abs(now) / seconds, abs(then) / before[1]
-            if rates[0] > self._steering_rate < rates[1] and min(rates) <= FASTEST:
-                self._steering_rate = min(rates)

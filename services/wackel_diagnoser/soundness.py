@@ -14,7 +14,10 @@ from wackel_diagnoser.sequential import BOUND, INDEPENDENT
 from wackel_drive.alignment import Step
 
 CONTRARY = 0.5
-"""Evidence of one step for the fault that begins this anew."""
+"""Evidence of one step that speaks for the fault."""
+SETS_BACK_S = 0.1
+"""By how much, for each unit of that. What lasts has undone a second within a few steps; a single
+one, as on a busy computer whose stamps are late, takes back some tenths."""
 TRAVELLED_RAD = 0.1
 """How far a steering must have been told to turn meanwhile, or have turned since the verdict: one
 that is blocked looks sound until then."""
@@ -102,9 +105,12 @@ class Soundness:
                 shows &= max(self._travelled, moved) > TRAVELLED_RAD
             if part.row >= 0 and measured.present[part.row]:
                 off, known = float(measured.z[part.row]), float(measured.variance[part.row])
-                _weigh(part, 1.0 if part.steers else told, off, known, contrary=contrary)
+                asked = 1.0 if part.steers else told
+                _weigh(part, asked, off, known, evidence if contrary else 0.0)
         if contrary:
-            self._seconds = self._travelled = 0.0
+            self._seconds = max(0.0, self._seconds - SETS_BACK_S * evidence)
+            if not self._seconds:
+                self._travelled = 0.0
         elif shows:
             self._seconds += step.seconds
 
@@ -117,12 +123,12 @@ class Soundness:
         )
 
 
-def _weigh(part: _Part, asked: float, off: float, variance: float, *, contrary: bool) -> None:
-    """What a miss says of a part."""
+def _weigh(part: _Part, asked: float, off: float, variance: float, contrary: float) -> None:
+    """What a miss says of a part, in a step that speaks for its fault by so much, or not: 0."""
     if contrary:
         part.asked += INDEPENDENT * asked * asked / variance
         part.missed += INDEPENDENT * asked * off / variance
-        part.follows = 0.0
+        part.follows = max(0.0, part.follows - contrary)
     elif part.asked > 0.0:
         miss = off - asked * part.missed / part.asked
         told = 0.5 * INDEPENDENT * (miss * miss - off * off) / variance

@@ -1,13 +1,16 @@
 """No false alarm in any kind of driving, also of a robot that is badly calibrated."""
 
-from itertools import pairwise
+from itertools import cycle, islice, pairwise
+from random import Random
 
+import msgspec
 import numpy as np
 import pytest
 
 from tests.diagnoser.driving import DRIVING, course
 from tests.diagnoser.rig import Rig
 from wackel_schemas import component
+from wackel_schemas.fault import FaultReport
 
 
 @pytest.mark.parametrize("kind", ["random", *DRIVING])
@@ -43,9 +46,22 @@ def test_servos_of_any_lag_are_sound_though_commands_jump(lag_s: float, number: 
     assert [each.code for each in rig.reports if each.component != component.COMMAND] == []
     assert rig.residuals is not None
     steering, rolling = rig.residuals.lags_s
-    assert steering == pytest.approx(lag_s, rel=0.05)
+    assert steering == pytest.approx(lag_s, rel=0.1)
     # Drives give way to the robot's mass, which looks like a lag of up to 10 ms.
     assert 0.0 < rolling - lag_s < 0.01
+
+
+def test_states_that_are_stamped_late_are_no_fault_of_steerings() -> None:
+    """In every tenth, by up to 2 ms; all seem to turn faster in one step than steerings can."""
+    rig, random = Rig.of("tune/late/5", 4, shown=False), Random("late/5")
+    said: list[str] = []
+    for twist in islice(cycle(rig.path.tolist()), 3000):
+        now = rig.simulation.step(*twist)
+        if random.random() < 0.1:
+            late_ns = round(1e6 * min(random.expovariate(1.0), 2.0))
+            now.state = msgspec.structs.replace(now.state, stamp=now.state.stamp + late_ns)
+        said += [message.code for message in rig.feed(now) if isinstance(message, FaultReport)]
+    assert said == []
 
 
 def test_wheels_that_turn_at_a_start_are_no_lag_of_the_drives() -> None:
