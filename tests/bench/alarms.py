@@ -47,9 +47,6 @@ TUNED = frozenset((82, 147, 311, 396, 501, 548, 1022, 1189, 1212, 1418, 2352, 27
 tests now. They do not count."""
 HOURS, QUICK_HOURS = 6.0, 0.2
 KEPT = Path(__file__).with_name("alarms.json")
-"""Some 2600 of its robots were driven with code before two changes that cannot have changed what is
-said of them, and all before three that only make steps cheaper, as the commits of those changes
-say."""
 _ROOT = Path(__file__).parents[2]
 _CODE = (
     "services/wackel_diagnoser",
