@@ -189,10 +189,8 @@ class Odometer:
         return messages
 
     def _step(self, step: Step) -> Odometry:
-        useless = [not watch.usable(step) for watch in self._gyros.values()]
-        if any(useless):
-            rates = zip(step.gyro_rate, useless, strict=True)
-            step = replace(step, gyro_rate=[math.nan if no else rate for rate, no in rates])
+        rates = zip(self._gyros.values(), step.gyro_rate, strict=True)
+        step = replace(step, gyro_rate=[watch.usable(step, rate) for watch, rate in rates])
         estimator = self._filter
         estimator.seconds = step.seconds
         estimator.predict()

@@ -32,7 +32,7 @@ class GyroWatch:
         self._value = StuckValue()
         self._saturated: int | None = None
         self._stamp: int | None = None
-        self._heard: int | None = None  # end of the last step that it covered
+        self._uncovered_ns = 0  # of the steps since the last one that its samples cover
         self._useless = 0  # samples since then
         self._window: tuple[int, int] | None = None  # since, samples
         self._rate: float | None = None
@@ -59,20 +59,30 @@ class GyroWatch:
         else:
             self._window = since, count + 1
 
-    def usable(self, step: Step) -> bool:
-        """Whether what it said of a step can be used: not stuck, not at its limit."""
+    def usable(self, step: Step, rate: float) -> float:
+        """Takes in the mean of its samples in a step, rad/s; each step once.
+
+        Args:
+            step: The step.
+            rate: Not a number where no samples cover it.
+
+        Returns:
+            What can be used of it: not a number while the value is stuck or at its limit.
+        """
+        if math.isfinite(rate):
+            self._uncovered_ns = 0
+        else:
+            if not self._uncovered_ns:
+                self._useless = 0  # while there were no steps, none could be of use
+            self._uncovered_ns += step.end - step.begin
         period = 1e9 / self._config.rate
         saturated = self._saturated is not None and (
             step.begin - period <= self._saturated <= step.end + period
         )
-        return not (saturated or self.frozen)
+        return math.nan if saturated or self.frozen else rate
 
     def step(self, step: Step, wheels: float, gyro: float, bias: float) -> None:
         """Takes in the yaw rate of the wheels alone and of the gyro in a step, rad/s, maybe NaN."""
-        if math.isfinite(gyro):
-            self._heard, self._useless = step.end, 0
-        elif self._heard is None:
-            self._heard = step.begin
         if math.isfinite(wheels):
             self._value.turns(step.end, wheels)
         self._offset.add(step.seconds, wheels, gyro - bias)
@@ -80,7 +90,8 @@ class GyroWatch:
     def complaints(self, now: int, bias: float, sigma: float) -> list[Complaint]:
         """What is wrong with it, as of the end of the latest step."""
         config, found = self._config, []
-        if self._saturated is not None and 0 <= now - self._saturated <= SATURATED_NS:
+        # The latest sample may be newer than the latest step.
+        if self._saturated is not None and abs(now - self._saturated) <= SATURATED_NS:
             limit = config.saturation
             found.append(
                 Complaint(
@@ -97,8 +108,8 @@ class GyroWatch:
                     {"samples": self._value.same},
                 )
             )
-        if self._heard is not None and now - self._heard > SILENT_NS:
-            found.append(self._out_of_step(now, now - self._heard))
+        if self._uncovered_ns > SILENT_NS:
+            found.append(self._out_of_step(now))
         elif self._rate is not None:
             if not 1 / RATE_FACTOR <= self._rate / config.rate <= RATE_FACTOR:
                 rate, nominal = f"{self._rate:.0f}", f"{config.rate:.0f}"
@@ -127,12 +138,12 @@ class GyroWatch:
             )
         return found
 
-    def _out_of_step(self, now: int, silent_ns: int) -> Complaint:
+    def _out_of_step(self, now: int) -> Complaint:
         """No sample covers the steps: there are none, or their stamps are of another time."""
         if self._stamp is not None and self._useless >= SAMPLES:
             return _offset((self._stamp - now) / 1e9, 0.0)
         return Complaint(
-            "gyro_silent", f"no sample for {silent_ns / 1e9:.1f} s of the wheels' time"
+            "gyro_silent", f"no sample for {self._uncovered_ns / 1e9:.1f} s of the wheels' time"
         )
 
 
