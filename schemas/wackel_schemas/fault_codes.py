@@ -487,6 +487,7 @@ EXPLAINS: dict[str, frozenset[str]] = {
     "noise": frozenset({"packet_loss", "crc_errors", "stray_data"}),
     "return_delay": frozenset({"slow_servo"}),
     "latency_timer": frozenset({"slow_servo", "adapter_lag"}),
+    "gyro_frozen": frozenset({"gyro_deviates"}),
     "gyro_silent": frozenset({"gyro_rate"}),
     "gyro_absent": frozenset({"gyro_silent", "gyro_rate"}),
 }

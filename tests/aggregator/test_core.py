@@ -238,6 +238,16 @@ def test_what_one_servo_has_explains_nothing_of_its_neighbour(robot: Robot) -> N
     assert not robot.fault("slow_servo", "bus/main/servo/2").inhibited_by
 
 
+def test_a_gyro_that_contradicts_the_wheels_because_it_is_frozen_is_told_once(
+    robot: Robot,
+) -> None:
+    robot.say(report("gyro_deviates", "gyro/body"), source="diagnoser")
+    robot.say(report("gyro_deviates", "gyro/mast"), source="diagnoser")
+    robot.say(report("gyro_frozen", "gyro/body", boot=99), source="odometry")
+    assert robot.fault("gyro_deviates", "gyro/body").inhibited_by == "gyro/body/gyro_frozen"
+    assert not robot.fault("gyro_deviates", "gyro/mast").inhibited_by
+
+
 def test_a_code_of_a_users_own_source_is_a_warning(robot: Robot) -> None:
     own = report()
     own.code, own.message = "gripper_worn", "The gripper is worn."
