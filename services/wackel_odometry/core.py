@@ -4,6 +4,7 @@ Time is the stamps of the messages, so a recording gives the same as the robot.
 """
 
 import math
+from collections import Counter
 from collections.abc import Collection, Mapping
 from operator import gt
 
@@ -287,8 +288,7 @@ class Odometer:
         inputs = self._input_states(usable, verdict)
         reason = self._lost
         if any(map(gt, variances[TWIST], BLIND_VARIANCE)):
-            left_out = [f"{each.name} {each.result}" for each in inputs if each.result != "used"]
-            reason = f"too few inputs: {', '.join(left_out)}"
+            reason = f"too few inputs: {_left_out(inputs)}"
         done, newest = step.end, self._alignment.newest or step.end
         px, py, theta, vx, vy, omega, *biases = x.tolist()
         return Odometry(
@@ -419,6 +419,25 @@ class Odometer:
 
 def _pose_unknown(reason: str) -> Complaint:
     return Complaint("pose_unknown", reason, {}, {"reason": reason})
+
+
+def _left_out(inputs: list[InputState]) -> str:
+    """The inputs that are not used, by why; a wheel is named once where that is so of both rows."""
+    by_result: dict[Result, list[str]] = {}
+    for each in inputs:
+        if each.result != "used":
+            by_result.setdefault(each.result, []).append(each.name)
+    return "; ".join(f"{why} {', '.join(_shortened(names))}" for why, names in by_result.items())
+
+
+def _shortened(names: list[str]) -> list[str]:
+    wheels = Counter(name.rpartition("/")[0] for name in names if name.startswith("wheel/"))
+    whole = [name.rpartition("/")[0] for name in names]
+    return list(
+        dict.fromkeys(
+            wheel if wheels[wheel] > 1 else name for wheel, name in zip(whole, names, strict=True)
+        )
+    )
 
 
 def _number(value: float) -> float | None:

@@ -211,12 +211,25 @@ def test_with_most_wheels_excluded_the_twist_is_unknown_and_the_reason_told() ->
     ride.odometer.exclusions(Exclusions(stamp=0, excluded=all_wheels))
     ride.drive(1.0, 0.4, 0.0, 0.0)
     assert not ride.now.valid
-    assert ride.now.reason.startswith("too few inputs: wheel/w0/slide excluded, ")
+    assert ride.now.reason == "too few inputs: excluded wheel/w0, wheel/w1, wheel/w2, wheel/w3"
     assert ("pose_unknown", "active") in ride.codes()
     ride.odometer.exclusions(Exclusions(stamp=0))
     ride.drive(0.5, 0.4, 0.0, 0.0)
     assert ride.now.valid
     assert ride.codes()[-1] == ("pose_unknown", "healed")
+
+
+def test_what_is_missing_is_told_by_wheels_or_where_only_one_row_is_by_that() -> None:
+    ride = Ride()
+    ride.drive(0.5, 0.4, 0.0, 0.0)
+    faulty = [component.wheel_steering("w0"), component.wheel_drive("w1"), component.gyro(GYRO)]
+    faulty += [component.wheel_steering("w2"), component.wheel_steering("w3")]
+    excluded = [Exclusion(component=each, fault="sensor", reason="") for each in faulty]
+    ride.odometer.exclusions(Exclusions(stamp=0, excluded=excluded))
+    ride.drive(1.0, 0.4, 0.0, 0.0)
+    assert ride.now.reason == (
+        "too few inputs: excluded wheel/w0, wheel/w2, wheel/w3, wheel/w1/roll, gyro/body"
+    )
 
 
 def test_a_request_moves_the_pose_and_keeps_twist_and_bias() -> None:
