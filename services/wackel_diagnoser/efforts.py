@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from wackel_diagnoser.torque import TorqueWatch
 from wackel_drive.layout import Layout
 from wackel_kinematics.array import Floats, cofactors
 from wackel_schemas.bus import BusState
@@ -32,9 +33,6 @@ UNKNOWN = 1e-6
 TURNING = 0.5
 """Share of the mass by which turning the robot may need less than driving it, or more: where wheels
 stand at the rim of a disc, half."""
-OFF_S = 1.5
-"""A torque that is off for so long is no transient of switching on: a gateway reads the register of
-each servo once a second, so for a second those that have been read say on and the others off."""
 
 _PRODUCTS = (0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2), (0, 3), (1, 3), (2, 3)
 """Of speed, acceleration, that of turning, and current: what the upper triangle of the normal
@@ -79,9 +77,6 @@ class Efforts:
     What driving itself needs is taken off: a share of speed (friction) and shares of acceleration
     (mass, and how much less of it turns), all learnt. What is left is what a wheel works against
     others or against an obstacle.
-
-    Attributes:
-        off: Which rolling motors are switched off while others are on.
     """
 
     def __init__(self, layout: Layout) -> None:
@@ -98,10 +93,7 @@ class Efforts:
         self._newest = 0
         # A motor that rolls the robot alone is held against those that steer.
         self._watched = self._rolls if self._rolls > 1 else len(joints)
-        self._torque: list[bool | None] = [None] * len(joints)
-        self._some_off = False
-        self._off_s = [0.0] * self._rolls
-        self.off = [False] * self._rolls
+        self._torque = TorqueWatch(self._watched)
         self._unknown: Floats = np.full(len(joints), np.nan)
         self._usual = [math.nan] * len(joints)
         self._before: tuple[list[float], list[float]] | None = None  # speeds, and of turning
@@ -116,7 +108,7 @@ class Efforts:
         places = self._by_bus.get(bus)
         if places is None:
             return
-        stamp, current, read, torque = state.stamp, self._current, self._read, self._torque
+        stamp, current, read = state.stamp, self._current, self._read
         for servo in state.servos:
             place = places.get(servo.id)
             if place is None:
@@ -131,11 +123,13 @@ class Efforts:
                     effort = math.nan
                 current[at] = sign * effort
                 read[at] = self._newest = stamp
-            on = servo.torque_enabled
-            if on is not torque[at] and on is not None:
-                torque[at] = on
-                watched = torque[: self._watched]
-                self._some_off = any(watched) and False in watched
+            if servo.torque_enabled is not None and at < self._watched:
+                self._torque.read(at, on=servo.torque_enabled, stamp=stamp)
+
+    @property
+    def off(self) -> list[bool]:
+        """Which rolling motors are switched off while others are on."""
+        return self._torque.off[: self._rolls]
 
     def step(
         self,
@@ -159,8 +153,6 @@ class Efforts:
             Squares of what each motor needs beyond driving, by what that usually is; rolling motors
             in the order of the roll rows, then steering motors of all wheels; NaN where unknown.
         """
-        if self._some_off or any(self._off_s):
-            self._watch_torque(seconds)
         before = self._before
         if not (needed or learnt_s) or before is None:
             self._before = speeds, turning
@@ -261,15 +253,6 @@ class Efforts:
             for amperes, read in zip(self._current[:rolls], self._read[:rolls], strict=True)
         ]
         return Rolling(current, self._needs, self._usual[:rolls])
-
-    def _watch_torque(self, seconds: float) -> None:
-        torque = self._torque
-        some_on = any(torque[: self._watched])
-        self._off_s = [
-            off_s + seconds if some_on and on is False else 0.0
-            for on, off_s in zip(torque, self._off_s, strict=False)
-        ]
-        self.off = [off_s >= OFF_S for off_s in self._off_s]
 
 
 def _towards(mean: float, value: float, share: float) -> float:

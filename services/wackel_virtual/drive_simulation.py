@@ -9,6 +9,7 @@
 
 from dataclasses import dataclass
 from math import inf, pi
+from operator import sub
 from random import Random
 
 import numpy as np
@@ -31,6 +32,8 @@ VELOCITY_STEP = 0.229 * 2 * pi / 60
 CURRENT_STEP = 2.69e-3
 """Of Present Current, A (e-manual, XM430-W210)."""
 CURRENT_NOISE_A = 0.005
+TORQUE_PERIOD_S = 1.0
+"""In which a gateway reads each servo's Torque Enable once, one after the other."""
 MOST_M_S = 3.0
 """Speed of a wheel that no motor exceeds."""
 
@@ -104,6 +107,11 @@ class DriveSimulation:
         self._goal = self._drivetrain.steered
         self._most = [MOST_M_S / (wheel.radius_m or inf) for wheel in layout.drive.wheels]
         self._powered = [True] * layout.drive.n
+        self._offsets = [joint.offset if joint is not None else 0.0 for joint in layout.steering]
+        motors, cycles = 2 * layout.drive.n, round(TORQUE_PERIOD_S * rate)
+        self._torque_read: list[list[int]] = [[] for _ in range(cycles)]
+        for motor in range(motors):
+            self._torque_read[motor * cycles // motors].append(motor)
         self._cycle = 0
 
     @property
@@ -143,33 +151,24 @@ class DriveSimulation:
 
     def _servos(self) -> list[ServoState]:
         layout, drivetrain = self._layout, self._drivetrain
-        servos = [
-            self._servo(joint, angle, rate, current, torque=not free)
-            for joint, angle, rate, current, free in zip(
-                layout.rolling,
-                drivetrain.rolled,
-                drivetrain.rate,
-                drivetrain.current,
-                drivetrain.free,
-                strict=True,
-            )
+        n = layout.drive.n
+        on = [*(not free for free in drivetrain.free), *[True] * n]
+        read = self._torque_read[self._cycle % len(self._torque_read)]
+        motors = zip(
+            (*layout.rolling, *layout.steering),
+            (*drivetrain.rolled, *map(sub, drivetrain.steered, self._offsets)),
+            (*drivetrain.rate, *drivetrain.steering_rate),
+            (*drivetrain.current, *drivetrain.steering_current),
+            strict=True,
+        )
+        return [
+            self._servo(joint, angle, rate, current, on[motor] if motor in read else None)
+            for motor, (joint, angle, rate, current) in enumerate(motors)
             if joint is not None
         ]
-        servos += [
-            self._servo(joint, heading - joint.offset, rate, current, torque=True)
-            for joint, heading, rate, current in zip(
-                layout.steering,
-                drivetrain.steered,
-                drivetrain.steering_rate,
-                drivetrain.steering_current,
-                strict=True,
-            )
-            if joint is not None
-        ]
-        return servos
 
     def _servo(
-        self, joint: Joint, angle: float, rate: float, current: float, *, torque: bool
+        self, joint: Joint, angle: float, rate: float, current: float, torque: bool | None
     ) -> ServoState:
         """As registers hold it."""
         sign, step = joint.sign, self._step
