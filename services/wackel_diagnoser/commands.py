@@ -37,6 +37,9 @@ class Complaint:
     wheel: str
 
 
+NO_COMMAND = Complaint("bad_input", "a velocity that is no number, or beyond any robot's", "")
+
+
 class CommandWatch:
     """Looks at each command."""
 

@@ -10,7 +10,7 @@ from operator import or_
 import numpy as np
 
 from wackel_diagnoser.bank import Bank
-from wackel_diagnoser.commands import CommandWatch, Complaint
+from wackel_diagnoser.commands import NO_COMMAND, CommandWatch, Complaint
 from wackel_diagnoser.constants import Shown
 from wackel_diagnoser.display import Display
 from wackel_diagnoser.efforts import Efforts
@@ -19,7 +19,7 @@ from wackel_diagnoser.gyro_bias import GyroBias
 from wackel_diagnoser.history import History
 from wackel_diagnoser.hypotheses import Hypotheses
 from wackel_diagnoser.idle import IdleMotors
-from wackel_diagnoser.reference import Reference, Target
+from wackel_diagnoser.reference import FRESH_NS, Reference, Target
 from wackel_diagnoser.references import ReferenceErrors
 from wackel_diagnoser.reports import Finding, Reports
 from wackel_diagnoser.rows import MOVING_M_S, Measured, Rows
@@ -150,7 +150,8 @@ class Diagnoser:
         self._is_shown = shown
         self._shown: int | None = None
         self._examined = 0
-        self._complaint: Complaint | None = None
+        self._complaint: Complaint | None = None  # about the latest command
+        self._complained: int | None = None  # end of the first step since
         self._exclusions: list[Exclusion] | None = None
 
     def bus_state(self, bus: str, state: BusState) -> list[Message]:
@@ -175,9 +176,10 @@ class Diagnoser:
         return self._steps()
 
     def command(self, message: TwistCommand) -> None:
-        """Takes in what the drive is told; what cannot be a command is ignored."""
-        if self._reference.command(message):
-            self._complaint = self._commands.look(message)
+        """Takes in what the drive is told; what cannot be a command is told as such."""
+        known = self._reference.command(message)
+        self._complaint = self._commands.look(message) if known else NO_COMMAND
+        self._complained = None
 
     def active(self) -> list[FaultReport]:
         """The faults that are active, in the order in which they began."""
@@ -248,6 +250,8 @@ class Diagnoser:
                 )
             self._verdicts.free(map(or_, self._efforts.off, self._idle.found))
             self._unwatched_s = 0.0
+        if self._complaint is not None:
+            self._age_complaint(step.end)
         messages: list[Message] = []
         if changed or self._to_examine(step.end):
             messages += self._examine(step.end)
@@ -347,6 +351,13 @@ class Diagnoser:
             zeros[reference.wheel] = reference.angle
         self._rows.correct(zeros)
         self._verdicts.void()
+
+    def _age_complaint(self, now: int) -> None:
+        """A command that is no longer what drives the robot is no longer wrong."""
+        if self._complained is None:
+            self._complained = now
+        elif not 0 <= now - self._complained <= FRESH_NS:
+            self._complaint = None
 
     def _to_examine(self, now: int) -> bool:
         """Whether it is time to look at faults."""

@@ -21,6 +21,8 @@ AGAIN_NS = 30_000_000
 """A wheel that has not stood for so long rolls again."""
 _OF_A_FREE_WHEEL = ((component.DRIVE,), (component.COMMAND,))
 """Are no further faults: the others, which do its work, may all slip, and fail to do it."""
+HARMLESS = ("gyro_deviates", "wheel_free")
+"""Make no other wheel slip: one without torque rolls along."""
 LIKELY = 0.02
 """Probability from which on another explanation is told."""
 
@@ -57,7 +59,7 @@ class Findings:
         self._verdicts = verdicts
         self._small = small
         self._history = history
-        self._said: Finding | None = None  # of a drive
+        self._said: dict[str, Finding] = {}  # last, of each drive
 
     def free(self, off: Sequence[bool], idle: Sequence[bool], now: int) -> list[Finding]:
         """Wheels that roll freely.
@@ -80,19 +82,21 @@ class Findings:
     def verdict(self, free: Collection[Finding], now: int) -> list[Finding]:
         """What the verdict means, given which wheels roll freely."""
         components = self._verdicts.components
+        rolling = {each.component for each in free}
+        if rolling and components in _OF_A_FREE_WHEEL:
+            return []
         found = []
-        if len(components) == 2:
-            a, b = components
-            for path, other in ((a, b), (b, a)):
-                words = {"others": component.in_words(other)}
+        for path in components:
+            others = [other for other in components if other != path]
+            if others and not self._verdicts.kinds.get(path):
+                words = {"others": component.in_words(others[0])}
                 summary = "two at once explain the residuals, neither alone"
                 found.append(self._finding("two_faults", path, summary, words))
-        elif components and not (free and components in _OF_A_FREE_WHEEL):
-            is_free = any(each.component == components[0] for each in free)
-            single = self._single(components[0], is_free, now)
+                continue
+            one = self._one(path, path in rolling, now)
             # A wheel without torque that swings in its play is no further fault; a blocked one is.
-            if not is_free or (single.code in STOOD and self._verdicts.stands(components[0])):
-                found.append(single)
+            if path not in rolling or (one.code in STOOD and self._verdicts.stands(path)):
+                found.append(one)
         return found
 
     def reference(self, zero: WrongZero, now: int) -> Finding:
@@ -114,8 +118,8 @@ class Findings:
         summary = complaint.reason or f"the centre of rotation is at wheel {complaint.wheel}"
         return Finding(complaint.code, component.COMMAND, summary, now, words=words)
 
-    def _single(self, path: str, is_free: bool, now: int) -> Finding:
-        """The verdict on one component, by its row of table 1."""
+    def _one(self, path: str, is_free: bool, now: int) -> Finding:
+        """The verdict on a component whose kind is known, by its row of table 1."""
         place = self._hypotheses.place(path)
         if place is None:
             if path == component.DRIVE:
@@ -124,16 +128,15 @@ class Findings:
                 return self._finding("command_not_followed", path, "the wheels agree on another")
             return self._finding("gyro_deviates", path, "all wheels agree on another yaw rate")
         part, wheel = place
-        history, stood, since = self._history, self._said, self._verdicts.since
-        if stood is not None and (
-            (stood.component, stood.since) != (path, since) or stood.code not in STOOD
-        ):
+        history, stood, since = self._history, self._said.get(path), self._verdicts.since
+        if stood is not None and (stood.since != since or stood.code not in STOOD):
             stood = None
         if stood is not None:
             lately = max(since, now - AGAIN_NS)
             if not history.standing_share(self._rows.roll_of(wheel), lately):
                 return stood  # it rolls again: still watched, but with no other fault
-        if self._verdicts.kind == "sensor" and not is_free:
+        kind = self._verdicts.kinds.get(path)
+        if kind == "sensor" and not is_free:
             what = "the gyro and the motors say that the robot moves as the others show"
             return self._finding(f"{'wheel' if part == 'drive' else part}_sensor", path, what)
         if part == "steering":
@@ -141,7 +144,7 @@ class Findings:
                 stands = "it stands though it is told to turn"
                 return self._finding("steering_blocked", path, stands)
             off = math.degrees(history.off(wheel, since))
-            if not self._verdicts.kind:
+            if not kind:
                 shows = f"it shows {off:+.1f}°; whether it stands so, this motion does not tell"
                 return self._finding("steering_deviates", path, shows)
             return self._finding("steering_offset", path, f"it stands {off:+.1f}° off")
@@ -152,7 +155,7 @@ class Findings:
             said = self._finding("wheel_sticks", path, f"it stood for {share:.0%} of the time")
         else:
             said = self._finding("wheel_deviates", path, "it slips against all others")
-        self._said = said
+        self._said[path] = said
         return said
 
     def _finding(
@@ -171,10 +174,10 @@ class Findings:
         small = self._small.found
         if small is not None and small.component == path:
             values |= {"change": round(small.size, 5), "change_sigma": round(small.sigma, 5)}
-        if verdicts.test is not None:
-            strain, strained = verdicts.test.strains
+        if (test := verdicts.tests.get(path)) is not None:
+            strain, strained = test.strains
             for name, value in (
-                ("gyro_share", verdicts.test.share[0]),
+                ("gyro_share", test.share[0]),
                 ("current_ratio", strain),
                 ("others_current_ratio", strained),
             ):
@@ -198,10 +201,10 @@ def excluded(found: Iterable[Finding]) -> list[Exclusion]:
     for finding in found:
         if finding.component in (component.DRIVE, component.COMMAND):
             continue
-        sensor = finding.code.endswith("_sensor") or finding.code == "gyro_deviates"
+        slips = not (finding.code.endswith("_sensor") or finding.code in HARMLESS)
         result[finding.component] = Exclusion(
             component=finding.component,
-            fault="sensor" if sensor else "actuator",
+            fault="actuator" if slips else "sensor",
             reason=f"{finding.code}: {finding.summary}",
         )
     return list(result.values())

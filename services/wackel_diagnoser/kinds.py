@@ -50,7 +50,8 @@ class KindTest:
     """Gathers evidence on one component since it was suspected.
 
     Args:
-        spoilt: Rows that the component spoils, without the gyro's.
+        own_rows: Rows that the component spoils, without the gyro's, shape (M,).
+        others_rows: Those that what else is faulty spoils.
         gyros: Where the gyros stand among the rows.
         own: Which of the efforts is its own motor's.
         rolling: How many of the efforts are rolling motors'; they come first.
@@ -61,8 +62,12 @@ class KindTest:
         clear: Whether it also tells the kind of a steering that is hardly off.
     """
 
-    def __init__(self, spoilt: Bools, gyros: slice, own: int, rolling: int) -> None:
-        self._spoilt = spoilt
+    def __init__(
+        self, own_rows: Bools, others_rows: Bools, gyros: slice, own: int, rolling: int
+    ) -> None:
+        self._own_rows = own_rows
+        self._unusable = others_rows.copy()
+        self._unusable[gyros] = True
         self._gyros = gyros
         self._own = own
         self.steering = own >= rolling
@@ -81,9 +86,9 @@ class KindTest:
         """Takes in a step; ``efforts``: squares by what is usual, NaN where unknown."""
         self.seconds += seconds
         weight = np.where(measured.present, 1.0 / measured.variance, 0.0)
-        weight[self._gyros] = 0.0
+        weight[self._unusable] = 0.0
         yaw_all = _yaw(measured, weight)
-        weight[self._spoilt] = 0.0
+        weight[self._own_rows] = 0.0
         yaw = _yaw(measured, weight) or _told_yaw(measured)
         heard = measured.present[self._gyros]
         if yaw_all is not None and yaw is not None and heard.any():

@@ -138,8 +138,10 @@ class Reference:
             learnt_s: For how much driving without a fault it stands; 0: nothing can be learnt.
         """
         while self._waiting and self._waiting[0][0] <= step.begin:
-            self._since, self._twist = self._waiting.popleft()
-            self._aim()
+            stamp, twist = self._waiting.popleft()
+            if self._since is None or stamp > self._since:  # else another has overtaken it
+                self._since, self._twist = stamp, twist
+                self._aim()
         since = self._since
         if since is None or not 0 <= step.begin - since <= FRESH_NS:
             self._known = False

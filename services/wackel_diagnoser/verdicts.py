@@ -79,8 +79,8 @@ class Verdicts:
 
     Attributes:
         since: Stamp of the first evidence for the verdict.
-        kind: Sensor or actuator; empty where it cannot be told.
-        test: What tells it; ``None`` where it cannot be asked.
+        kinds: Sensor or actuator, of each component; empty where it cannot be told.
+        tests: What tells it; none where it cannot be asked.
         steers_wrong: Whether a steering is named, which is then not where it is told to be.
     """
 
@@ -107,8 +107,8 @@ class Verdicts:
         self._motion = ForcedMotion(layout) if can_force(layout.drive) else None
         self._spare = _spare(layout.drive, rows)
         self.since = 0
-        self.kind: Class = ""
-        self.test: KindTest | None = None
+        self.kinds: dict[str, Class] = {}
+        self.tests: dict[str, KindTest] = {}
         self.steers_wrong = False
         self._free: frozenset[str] = frozenset()
         self._stuck: frozenset[str] = frozenset()
@@ -119,6 +119,7 @@ class Verdicts:
             if names and all(name.startswith("gyro/") for name in names)
         }
         self._numbers = {frozenset(names): i for i, names in enumerate(hypotheses.explanations)}
+        self._of_command = self._numbers[frozenset((component.COMMAND,))]
         self._is_small = False
         self._soundness = Soundness(hypotheses, rows)
         self._recent: deque[tuple[Measured, Floats, float]] = deque(maxlen=ALARM_STEPS)
@@ -161,7 +162,7 @@ class Verdicts:
         self._sequential.forget()
         self._sequential.accept(0)
         self._small.forget()
-        self.test, self.kind = None, ""
+        self.tests, self.kinds = {}, {}
 
     def step(
         self,
@@ -189,28 +190,63 @@ class Verdicts:
             self._watch_standing(step, target, measured)
         self._recent.append((measured, efforts, step.seconds))
         changed = self._follow(step, target)
-        test = self.test
-        if test is not None and test.seconds < WINDOW_S:
-            if changed:  # an alarm takes some steps, which tell of the kind already
-                for each in self._recent:
-                    test.step(*each)
-            else:
-                test.step(measured, efforts, step.seconds)
-            if self._motion is not None and test.steering:
-                self._block.append((step, target, measured, currents))
-                if len(self._block) >= FORCED_STEPS:
-                    test.force(self._block, self._rows, self._motion, self._references)
-                    self._block.clear()
-            kind, small = test.kind(), self._small.found
-            if small is not None and self._tells_kind(small):
-                kind = small.kind or (kind if test.clear or not self._is_small else "")
-            changed |= kind != self.kind
-            self.kind = kind
+        if self.tests:
+            changed |= self._tell_kinds(step, target, measured, currents, new=changed)
         return changed
+
+    def _tell_kinds(
+        self,
+        step: Step,
+        target: Target,
+        measured: Measured,
+        currents: list[float],
+        *,
+        new: bool,
+    ) -> bool:
+        """What kinds of faults there are by now; says whether that has changed.
+
+        Args:
+            step, target, measured, currents: As above.
+            new: Whether the verdict is; an alarm takes some steps, which tell of the kind already.
+        """
+        recent = list(self._recent) if new else [self._recent[-1]]
+        kinds = self.kinds.copy()
+        for path, test in self.tests.items():
+            if test.seconds >= WINDOW_S:
+                continue
+            for each in recent:
+                test.step(*each)
+            if len(self.components) == 1:
+                self._force(test, (step, target, measured, currents))
+                kinds[path] = self._kind(test)
+            else:
+                kinds[path] = test.kind()
+        changed, self.kinds = kinds != self.kinds, kinds
+        return changed
+
+    def _force(self, test: KindTest, moment: tuple[Step, Target, Measured, list[float]]) -> None:
+        """Has a steering's test compare how it forces the robot aside."""
+        if self._motion is None or not test.steering:
+            return
+        self._block.append(moment)
+        if len(self._block) >= FORCED_STEPS:
+            test.force(self._block, self._rows, self._motion, self._references)
+            self._block.clear()
+
+    def _kind(self, test: KindTest) -> Class:
+        """Of the only part that is named, also by what has changed of it."""
+        kind, small = test.kind(), self._small.found
+        if small is not None and self._tells_kind(small):
+            return small.kind or (kind if test.clear or not self._is_small else "")
+        return kind
 
     def _follow(self, step: Step, target: Target) -> bool:
         """Takes what is proposed, if it may replace the verdict; says whether it did."""
         sequential, explanations = self._sequential, self._hypotheses.explanations
+        if sequential.verdict == self._of_command and not target.known:
+            sequential.accept(0)  # there is none any more that would not be followed
+            self._take((), step)
+            return True
         verdict, small = (
             sequential.verdict,
             None if self._free or self._stuck else self._small.found,
@@ -333,21 +369,29 @@ class Verdicts:
         if not components:
             self._standing.begin()
         self.since = step.begin
-        self.test, self.kind = None, ""
+        self.tests, self.kinds = {}, {}
         places = [self._hypotheses.place(path) for path in components]
         self.steers_wrong = any(place is not None and place[0] == "steering" for place in places)
         self._block.clear()
-        if len(components) != 1:
+        gyros = [path for path in components if path.startswith("gyro/")]
+        self.kinds = dict.fromkeys(gyros, "sensor")
+        if gyros:  # which would have to tell of the others
             return
-        place = places[0]
-        if place is None:
-            self.kind = "sensor" if components[0].startswith("gyro/") else ""
-            return
-        part, wheel = place
+        for path, place in zip(components, places, strict=True):
+            if place is not None:
+                self.tests[path], self.kinds[path] = self._test(path, *place), "sensor"
+
+    def _test(self, path: str, part: str, wheel: int) -> KindTest:
+        """Of a component that is named, and which part of which wheel that is."""
         own = self._rolls.index(wheel) if part == "drive" else len(self._rolls) + wheel
-        spoilt = self._hypotheses.own_rows(components[0])
-        self.test = KindTest(spoilt, self._rows.gyros, own, len(self._rolls))
-        self.kind = "sensor"
+        own_rows, others_rows = (
+            self._hypotheses.own_rows(path),
+            np.zeros(self._rows.count, np.bool_),
+        )
+        for other in self.components:
+            if other != path:
+                others_rows |= self._hypotheses.own_rows(other)
+        return KindTest(own_rows, others_rows & ~own_rows, self._rows.gyros, own, len(self._rolls))
 
     def _are_dragged(self, added: set[str]) -> bool:
         """Whether parts that a proposal adds do what they are told: the named one makes them slip.
@@ -357,7 +401,7 @@ class Verdicts:
         """
         lasts = self._sequential.alarm_s >= DRAGGED_S and self._sequential.lead >= LEAD
         lasts = lasts and not self._standing.rows()
-        if self.kind == "sensor" or lasts:
+        if lasts or "sensor" in self.kinds.values():
             return False
         return all(self._follows(path) or self._is_outskidded(path) for path in added)
 

@@ -3,10 +3,12 @@
 import math
 
 import numpy as np
+import pytest
 
 from tests.diagnoser.rig import SEED, Rig
 from tests.odometry.simulation import differential_drive
 from wackel_schemas import component
+from wackel_schemas.drive import TwistCommand
 
 
 def test_a_differential_drive_cannot_go_sideways() -> None:
@@ -16,6 +18,49 @@ def test_a_differential_drive_cannot_go_sideways() -> None:
     assert ("command_infeasible", component.COMMAND) in rig.active()
     rig.drive(1.0, np.array([0.3, 0.0, 0.0]))
     assert ("command_infeasible", component.COMMAND) not in rig.active()
+
+
+def silent_control(rig: Rig, seconds: float) -> None:
+    """It drives on, and nobody says what it was told."""
+    for _ in range(round(100 * seconds)):
+        cycle = rig.simulation.step(0.3, 0.0, 0.0)
+        rig.cycles += 1
+        rig.diagnoser.imu(rig.simulation.gyro, cycle.imu)
+        rig.diagnoser.bus_state(rig.simulation.bus, cycle.state)
+
+
+def test_what_is_wrong_with_a_command_ends_with_it() -> None:
+    rig = Rig.of(SEED, differential_drive())
+    rig.drive(2.0, np.array([0.3, 0.0, 0.0]))
+    rig.drive(0.5, np.array([0.3, 0.2, 0.0]))
+    assert ("command_infeasible", component.COMMAND) in rig.active()
+    silent_control(rig, 1.0)
+    assert rig.active() == []
+
+
+def test_a_command_that_is_not_followed_is_none_once_there_is_no_command(warm: Rig) -> None:
+    rig = warm.copy()
+    for _ in range(200):
+        cycle = rig.simulation.step(0.3, 0.0, 0.0)
+        rig.cycles += 1
+        told = TwistCommand(stamp=cycle.command.stamp, vx=-0.3, vy=0.0, omega=0.0)
+        rig.diagnoser.command(told)
+        rig.diagnoser.imu(rig.simulation.gyro, cycle.imu)
+        rig.diagnoser.bus_state(rig.simulation.bus, cycle.state)
+    assert rig.active() == [("command_not_followed", component.COMMAND)]
+    silent_control(rig, 1.0)
+    assert rig.active() == []
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, 1e3])
+def test_what_cannot_be_a_command_is_told(wrong: float) -> None:
+    rig = Rig.of(SEED)
+    rig.drive(1.0, np.array([0.3, 0.0, 0.0]))
+    rig.diagnoser.command(TwistCommand(stamp=rig.now_ns, vx=wrong, vy=0.0, omega=0.0))
+    silent_control(rig, 0.2)
+    assert rig.active() == [("bad_input", component.COMMAND)]
+    silent_control(rig, 1.0)
+    assert rig.active() == []
 
 
 def test_a_turn_about_a_contact_is_singular(warm: Rig) -> None:

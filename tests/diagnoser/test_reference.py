@@ -67,3 +67,14 @@ def test_a_drive_that_became_slower_is_followed() -> None:
     robot.shuttle(5.0, 0.05)
     robot.shuttle(15.0, 0.12)
     assert robot.reference.lags_s[1] == pytest.approx(0.12, rel=0.05)
+
+
+def test_a_command_that_another_has_overtaken_is_not_followed() -> None:
+    config = steered_drive(3)
+    reference = Reference(Layout(config), config)
+    still = [0.0] * 3
+    for stamp_ms, vx in ((100, 0.3), (200, 0.5), (150, 0.1)):
+        reference.command(TwistCommand(stamp=stamp_ms * 1_000_000, vx=vx, vy=0.0, omega=0.0))
+        step = Step(300_000_000, 310_000_000, STEP_S, still, still, still, [0.0])
+        twist = reference.step(step, 0.0).twist
+    assert twist == (0.5, 0.0, 0.0)

@@ -37,7 +37,7 @@ def test_a_fault_of_a_drive_is_named(warm: Rig, kind: str, code: str, within_s: 
     assert rig.exclusions is not None
     (excluded,) = rig.exclusions.excluded
     assert excluded.component == "wheel/w2/drive"
-    assert excluded.fault == ("sensor" if code == "wheel_sensor" else "actuator")
+    assert excluded.fault == ("actuator" if code == "wheel_blocked" else "sensor")
 
 
 def test_a_steering_that_is_blocked_is_named_and_heals(warm: Rig) -> None:
@@ -175,6 +175,31 @@ def test_what_turns_the_robot_against_its_motors_is_no_fault_of_the_gyro(
     rig.drive(2.5)
     assert {report.code for report in rig.reports} == {"drive_disturbed"}
     assert rig.active() == []
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (("drive_sensor_stuck", "wheel_sensor"), ("drive_sensor_stuck", "wheel_sensor")),
+        (("wheel_blocked", "wheel_blocked"), ("steering_blocked", "steering_blocked")),
+        (("drive_sensor_stuck", "wheel_sensor"), ("steering_blocked", "steering_blocked")),
+    ],
+)
+def test_of_two_faults_each_is_told_by_its_row_and_class(
+    warm: Rig, first: tuple[str, str], second: tuple[str, str]
+) -> None:
+    rig = warm.copy()
+    true = {}
+    for wheel, (kind, code) in (("w0", first), ("w2", second)):
+        rig.inject(kind, wheel)
+        part = "steering" if kind.startswith("steering") else "drive"
+        true[f"wheel/{wheel}/{part}"] = code
+    rig.drive(2.5)
+    assert {path: code for code, path in rig.active()} == true
+    assert rig.exclusions is not None
+    assert {each.component: each.fault for each in rig.exclusions.excluded} == {
+        path: "sensor" if code == "wheel_sensor" else "actuator" for path, code in true.items()
+    }
 
 
 def test_two_blocked_wheels_are_both_named(warm: Rig) -> None:
