@@ -1,8 +1,9 @@
 """The body of a robot on the floor: what its wheels are told, what the world does, what it does.
 
 Two bodies keep this contract: :mod:`wackel_virtual.fast_body` without contact physics, and
-:mod:`wackel_virtual.mujoco_body`. Both take the masses from here, so that they differ only in how
-a wheel touches the floor, and in that wheels and rotors of the latter have inertia.
+:mod:`wackel_virtual.mujoco_body`. Both are built alike (:class:`~wackel_virtual.build.Build`), so
+that they differ only in how a wheel touches the floor, and in that wheels and rotors of the latter
+have inertia.
 
 Lists of single numbers: for some wheels, Python is faster with them than numpy.
 """
@@ -11,14 +12,6 @@ from dataclasses import dataclass
 from typing import Protocol, TypeAlias
 
 GRAVITY = 9.81
-FRICTION = 0.8
-"""Of rubber on a dry, smooth floor."""
-GYRATION = 0.8
-"""Radius of gyration by L, the mean distance of the wheels: a body somewhat smaller than its
-footprint."""
-DROOP_M_S = 0.06
-"""What a driven wheel loses of its speed when it pushes with all its grip: velocity control without
-integral part, 4 % at 1.5 m/s."""
 MOST_EFFORT = 1.5
 """Greatest torque of a motor, by that at which its tyre slips on a dry floor."""
 

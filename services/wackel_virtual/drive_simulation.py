@@ -22,9 +22,9 @@ from wackel_node.config_drive import GyroConfig
 from wackel_schemas.bus import BusState, ServoState
 from wackel_schemas.drive import ImuSample, TwistCommand
 from wackel_schemas.virtual import Injection
+from wackel_virtual.build import Build
 from wackel_virtual.calibration_errors import CalibrationErrors
 from wackel_virtual.drivetrain import Demand, Drivetrain, Physics
-from wackel_virtual.motion import TIME_CONSTANT_S
 
 START_NS = 1_700_000_000_000_000_000
 VELOCITY_STEP = 0.229 * 2 * pi / 60
@@ -66,7 +66,7 @@ class DriveSimulation:
         seed: Of everything random: the same calls with the same seed give the same cycles.
         physics: ``fast``, or ``mujoco`` (extra ``sim``).
         errors: Of the true robot; absent: drawn as large as the configuration assumes.
-        lag_s: Time constant with which its servos follow their goals.
+        build: What else it is like.
         rate: Cycles per second.
 
     Attributes:
@@ -85,7 +85,7 @@ class DriveSimulation:
         *,
         physics: Physics = "fast",
         errors: CalibrationErrors | None = None,
-        lag_s: float = TIME_CONSTANT_S,
+        build: Build = Build(),  # noqa: B008  (frozen)
         rate: float = 100.0,
     ) -> None:
         if robot.drive is None:
@@ -97,7 +97,7 @@ class DriveSimulation:
         gyros = robot.gyros or {"body": GyroConfig(rate=rate)}
         self.gyro = next(iter(gyros))
         self._drivetrain = Drivetrain(
-            robot.drive, gyros, seed, physics=physics, errors=errors, lag_s=lag_s
+            robot.drive, gyros, seed, physics=physics, errors=errors, build=build
         )
         self._random = Random(f"{seed}/currents")
         layout = self._drivetrain.layout

@@ -19,20 +19,19 @@ from wackel_kinematics.drive import Drive
 from wackel_kinematics.wheel import Wheel
 from wackel_node.config_drive import DriveConfig, GyroConfig
 from wackel_schemas.virtual import Injection
-from wackel_virtual.body import FRICTION, GRAVITY, MOST_EFFORT, Body, WheelStates, World
+from wackel_virtual.body import GRAVITY, MOST_EFFORT, Body, WheelStates, World
+from wackel_virtual.build import FAST_M_S, Build
 from wackel_virtual.calibration_errors import CalibrationErrors
 from wackel_virtual.drive_course import PATCH_RADIUS_M, DriveCourse
 from wackel_virtual.drive_faults import DriveConditions, drive_conditions
 from wackel_virtual.fast_body import FastBody
 from wackel_virtual.gyro import VirtualGyro
-from wackel_virtual.motion import FRICTION_A, TIME_CONSTANT_S
+from wackel_virtual.motion import FRICTION_A
 
 Physics = Literal["fast", "mujoco"]
 
-GRIP_A = 0.8
-"""Current at which a wheel's tyre slips: a motor that fits its robot has some reserve."""
-FAST_M_S = 2.0
-"""Speed of a wheel at which its motor needs :data:`~wackel_virtual.motion.FRICTION_A`."""
+STEERING_A = 0.8
+"""Of a steering servo whose torque is what turns a drive's tyre through."""
 STEERING_LIMIT_RAD_S = 2 * pi
 """Greatest velocity of a steering servo (60 rev/min)."""
 STIFF_RAD = 0.1
@@ -72,7 +71,7 @@ class Drivetrain:
         seed: Of everything random.
         physics: Which body.
         errors: How it differs from the configuration; absent: drawn as large as that assumes.
-        lag_s: Time constant with which its servos follow their goals.
+        build: What else it is like.
 
     Attributes:
         layout: As configured.
@@ -98,9 +97,9 @@ class Drivetrain:
         *,
         physics: Physics = "fast",
         errors: CalibrationErrors | None = None,
-        lag_s: float = TIME_CONSTANT_S,
+        build: Build = Build(),  # noqa: B008  (frozen)
     ) -> None:
-        self._lag_s = lag_s
+        self._build = build
         self.layout = Layout(drive)
         nominal = self.layout.drive
         first = next(iter(gyros.values()), GyroConfig())
@@ -109,7 +108,8 @@ class Drivetrain:
         true = Drive([_true(wheel, errors, i) for i, wheel in enumerate(nominal.wheels)])
         # Steerings stand straight ahead.
         self._heading: list[float] = nominal.heading(nominal.steering(np.zeros(nominal.n))).tolist()
-        self.body = _body(physics, true, [*map(add, self._heading, self._direction)], seed)
+        heading = [*map(add, self._heading, self._direction)]
+        self.body = _body(physics, true, heading, seed, build)
         self._gyros = {
             name: (
                 VirtualGyro(each, f"{seed}/{name}", errors.gyro_bias, errors.gyro_scale),
@@ -153,7 +153,7 @@ class Drivetrain:
         if self._course.advance(self._time_s + _ROUNDING_S, body.pose, body.twist):
             self._take_over(drive_conditions(self._course.active(), self.layout))
         self._time_s += duration_s
-        gain = 1.0 - exp(-duration_s / self._lag_s)
+        gain = 1.0 - exp(-duration_s / self._build.lag_s)
 
         powered = [on and not off for on, off in zip(demand.powered, self.free, strict=True)]
         self._rate = [
@@ -181,8 +181,9 @@ class Drivetrain:
         rate, turned = [*body.rate], [*map(sub, body.angle, before)]
         for wheel in self._conditions.loose:
             rate[wheel], turned[wheel] = self._rate[wheel], self._rate[wheel] * duration_s
+        grip, rolling = self._build.grip_A, self._build.rolling_A / FAST_M_S
         self.current = [
-            GRIP_A * effort + FRICTION_A / FAST_M_S * each * radius if on else 0.0
+            grip * effort + rolling * each * radius if on else 0.0
             for on, effort, each, radius in zip(
                 powered, body.effort, rate, self._radii, strict=True
             )
@@ -223,7 +224,7 @@ class Drivetrain:
             turn = min(most, max(-most, gain * error)) if on and not jammed else 0.0
             effort = min(MOST_EFFORT, max(-MOST_EFFORT, error * MOST_EFFORT / STIFF_RAD))
             turned.append(turn)
-            current.append(GRIP_A * effort + FRICTION_A * turn / most if on else 0.0)
+            current.append(STEERING_A * effort + FRICTION_A * turn / most if on else 0.0)
         self._heading = [*map(add, self._heading, turned)]
         self.steering_current = current
         return turned
@@ -266,7 +267,9 @@ class Drivetrain:
             for wheel, heading in now.steering_stuck.items()
         }
         # Without patches and pushes.
-        self._calm_world = World([now.slippery.get(i, FRICTION) for i in range(n)], (0.0, 0.0, 0.0))
+        self._calm_world = World(
+            [now.slippery.get(i, self._build.friction) for i in range(n)], (0.0, 0.0, 0.0)
+        )
 
     def _world(self) -> World:
         now = self._conditions
@@ -297,12 +300,14 @@ class _Heading:
     angle: float = 0.0
 
 
-def _body(physics: Physics, drive: Drive, heading: list[float], seed: int | str) -> Body:
+def _body(
+    physics: Physics, drive: Drive, heading: list[float], seed: int | str, build: Build
+) -> Body:
     if physics == "fast":
-        return FastBody(drive, Random(f"{seed}/floor").getrandbits(64))
+        return FastBody(drive, Random(f"{seed}/floor").getrandbits(64), build)
     from wackel_virtual.mujoco_body import MujocoBody
 
-    return MujocoBody(drive, heading)
+    return MujocoBody(drive, heading, build)
 
 
 def _true(wheel: Wheel, errors: CalibrationErrors, number: int) -> Wheel:

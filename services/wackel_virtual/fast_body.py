@@ -14,16 +14,8 @@ from typing import TypeAlias
 import numpy as np
 
 from wackel_kinematics.drive import Drive
-from wackel_virtual.body import (
-    DROOP_M_S,
-    FRICTION,
-    GRAVITY,
-    GYRATION,
-    MOST_EFFORT,
-    InPlane,
-    WheelStates,
-    World,
-)
+from wackel_virtual.body import GRAVITY, MOST_EFFORT, InPlane, WheelStates, World
+from wackel_virtual.build import Build
 
 CREEP_M_S = 0.005
 """v₀ of a wheel that stands; only a number that keeps friction continuous."""
@@ -44,9 +36,10 @@ class FastBody:
     Args:
         drive: The true wheels.
         seed: Of the floor's roughness.
+        build: What else it is like.
     """
 
-    def __init__(self, drive: Drive, seed: int) -> None:
+    def __init__(self, drive: Drive, seed: int, build: Build) -> None:
         n = drive.n
         self.pose: InPlane = (0.0, 0.0, 0.0)
         self.twist: InPlane = (0.0, 0.0, 0.0)
@@ -56,7 +49,7 @@ class FastBody:
         self._drive = drive
         self._random = np.random.default_rng(seed)
         self._load = GRAVITY / n
-        self._moment = (GYRATION * drive.length_m) ** 2
+        self._moment = (build.gyration * drive.length_m) ** 2
         slides = {wheel: row for row, wheel in enumerate(drive.slide_wheels.tolist())}
         rolls = {wheel: row for row, wheel in enumerate(drive.roll_wheels.tolist(), len(slides))}
         self._rows = [(slides.get(i), rolls.get(i)) for i in range(n)]
@@ -69,7 +62,9 @@ class FastBody:
             for i, wheel in enumerate(drive.wheels)
             if wheel.radius_m is not None
         ]
-        self._droop = [DROOP_M_S / (FRICTION * self._load)] * n  # m/s per force
+        self._grip = build.friction * self._load
+        self._droop_m_s = build.droop_m_s
+        self._droop = [build.droop_m_s / self._grip] * n  # m/s per force
         for i, _, _, lever in self._rolling:
             self._droop[i] *= lever * lever
 
@@ -175,9 +170,9 @@ class FastBody:
                 continue
             if wheels.blocked[i]:
                 # What a jammed motor would need is more than it has.
-                effort = radius / lever * wheels.rate[i] / DROOP_M_S
+                effort = radius / lever * wheels.rate[i] / self._droop_m_s
             else:
-                effort = lever * weights[row] * off[row] / (FRICTION * self._load)
+                effort = lever * weights[row] * off[row] / self._grip
             efforts[i] = min(MOST_EFFORT, max(-MOST_EFFORT, effort))
         return efforts
 

@@ -16,16 +16,8 @@ from wackel_kinematics.array import Floats
 from wackel_kinematics.drive import Drive
 from wackel_node.config import ConfigError
 from wackel_node.errors import FAILED, Explained
-from wackel_virtual.body import (
-    DROOP_M_S,
-    FRICTION,
-    GRAVITY,
-    GYRATION,
-    MOST_EFFORT,
-    InPlane,
-    WheelStates,
-    World,
-)
+from wackel_virtual.body import GRAVITY, MOST_EFFORT, InPlane, WheelStates, World
+from wackel_virtual.build import Build
 
 STEP_S = 0.002
 """The longest; a step of the body is a whole number of them."""
@@ -64,12 +56,13 @@ class MujocoBody:
     Args:
         drive: The true wheels.
         heading: Directions in which the wheels stand at first, rad.
+        build: What else it is like.
 
     Raises:
         ConfigError: The drive has wheels with rollers.
     """
 
-    def __init__(self, drive: Drive, heading: list[float]) -> None:
+    def __init__(self, drive: Drive, heading: list[float], build: Build) -> None:
         if not all(wheel.slide for wheel in drive.wheels):
             raise ConfigError(
                 "drive.kind: wheels with rollers have no physics 'mujoco', but 'fast'"
@@ -82,13 +75,13 @@ class MujocoBody:
         self.effort = [0.0] * n
         radii = np.full(n, float(np.mean(drive.roll_radius)) if drive.roll_radius.size else 0.05)
         radii[drive.roll_wheels] = drive.roll_radius
-        self._model = model = mujoco.MjModel.from_xml_string(_xml(drive, radii, heading))
+        self._model = model = mujoco.MjModel.from_xml_string(_xml(drive, radii, heading, build))
         self._data = mujoco.MjData(model)
         self._mass = n * MASS_KG
-        grip = FRICTION * MASS_KG * GRAVITY * radii  # N m at which a tyre slips
+        grip = build.friction * MASS_KG * GRAVITY * radii  # N m at which a tyre slips
         self._grip: list[float] = grip.tolist()
         self._gain = np.zeros(n)
-        self._gain[drive.roll_wheels] = (grip / (DROOP_M_S / radii))[drive.roll_wheels]
+        self._gain[drive.roll_wheels] = (grip / (build.droop_m_s / radii))[drive.roll_wheels]
         self._held = [False] * n
         self._driven: list[bool] = []
         self._roll_position = [int(model.joint(f"roll{i}").qposadr[0]) for i in range(n)]
@@ -159,7 +152,7 @@ class MujocoBody:
         self._held[wheel] = locked
 
 
-def _xml(drive: Drive, radii: Floats, heading: list[float]) -> str:
+def _xml(drive: Drive, radii: Floats, heading: list[float], build: Build) -> str:
     """The robot in MuJoCo's language."""
     n, mass = drive.n, drive.n * MASS_KG
     wheel_mass = WHEEL_SHARE * MASS_KG
@@ -168,7 +161,8 @@ def _xml(drive: Drive, radii: Floats, heading: list[float]) -> str:
     # Wheels count for the whole, which has the same moment of inertia as the fast body.
     chassis_mass = mass - n * wheel_mass
     size = float(np.sum(drive.xy**2)) * wheel_mass
-    moment = max(mass * (GYRATION * drive.length_m) ** 2 - size, 0.1 * mass * drive.length_m**2)
+    moment = mass * (build.gyration * drive.length_m) ** 2 - size
+    moment = max(moment, 0.1 * mass * drive.length_m**2)
     load = MASS_KG * GRAVITY
     stiffness, damping = load / SPRING_M, 2.0 * math.sqrt(load / SPRING_M * wheel_mass)
     wheels, motors, locks = [], [], []
@@ -190,12 +184,12 @@ def _xml(drive: Drive, radii: Floats, heading: list[float]) -> str:
           <inertial pos="0 0 0" mass="{wheel_mass / 2}"
                     diaginertia="{inertia} {2 * inertia} {inertia}"/>
           <geom name="wheel{i}" type="ellipsoid" size="{radius} {radius / 4} {radius}"
-                priority="1" friction="{FRICTION} 0 0" solref="0.01 1"
+                priority="1" friction="{build.friction} 0 0" solref="0.01 1"
                 solimp="0.95 0.99 0.0005"/>
         </body>
       </body>"""
         )
-        most = MOST_EFFORT * FRICTION * load * radius
+        most = MOST_EFFORT * build.friction * load * radius
         motors.append(
             f'<general name="motor{i}" joint="roll{i}" biastype="affine" '
             f'forcerange="{-most} {most}"/>'

@@ -27,11 +27,12 @@ from rich.progress import Progress
 from rich.table import Table
 from scipy.special import gammaincinv
 
-from tests.bench.diagnoser import COMPLAINTS, Physics, drawn_lag_s
+from tests.bench.diagnoser import COMPLAINTS, Physics
 from tests.bench.result import console
 from tests.diagnoser.driving import DRIVING
 from tests.diagnoser.rig import Rig
 from wackel_node.garbage import collect_rarely
+from wackel_virtual.build import Build
 
 AIMS = {1.0: 0.01, 3.0: 0.1}
 """Reports an hour, by how many times worse than configured the calibration is."""
@@ -70,7 +71,7 @@ class Job:
         physics: Of its simulation.
         driving: Its kind.
         worse: By how much its calibration is worse than configured.
-        lag_s: Time constant with which its servos follow.
+        build: What else it is like.
     """
 
     number: int
@@ -78,7 +79,7 @@ class Job:
     physics: Physics
     driving: str
     worse: float
-    lag_s: float
+    build: Build
 
     @classmethod
     def of(cls, number: int) -> "Job":
@@ -90,7 +91,7 @@ class Job:
             random.choice(("fast", "mujoco")),
             random.choice(("random", random.choice(list(DRIVING)))),
             3.0 if random.random() < WORSE_SHARE else 1.0,
-            drawn_lag_s(random),
+            Build.drawn(random),
         )
 
 
@@ -116,7 +117,7 @@ def robot(number: int) -> Driven:
         physics=job.physics,
         worse=job.worse,
         driving=job.driving,
-        lag_s=job.lag_s,
+        build=job.build,
         shown=False,
     )
     begin_ns = rig.now_ns

@@ -1,6 +1,6 @@
 """Diagnoser: cost of a step, and how well faults of simulated robots are named.
 
-Each robot has its own calibration errors, lag of its servos, gyro, path and noise from its seed. It
+Each robot has its own build, calibration errors, gyro, path and noise from its seed. It
 drives for half a minute without a fault, in which every report is a false alarm; then each kind of
 fault befalls a copy of it. The seeds of ``tune`` were used while thresholds were chosen; those of
 ``judge``, which this prints, were not.
@@ -43,6 +43,7 @@ from wackel_node.config_drive import DriveConfig, GyroConfig
 from wackel_node.garbage import collect_rarely
 from wackel_schemas import component
 from wackel_schemas.residuals import Residuals
+from wackel_virtual.build import Build
 from wackel_virtual.drive_simulation import Cycle
 
 ROBOTS = 100
@@ -58,10 +59,6 @@ LONGEST_S = 10.0
 """But it is watched no longer."""
 SMALL_S = 15.0
 """For how long the smallest faults that count are watched."""
-
-LEAST_LAG_S, MOST_LAG_S = 0.02, 0.12
-"""Time constants with which servos follow: of a small one in a stiff loop, and of a heavy wheel in
-a soft one."""
 
 COMPLAINTS = ("command_infeasible", "command_singular")
 """Of the command, which is as it is: no faults of the robot."""
@@ -312,16 +309,10 @@ class Robot:
     paper_s: float
 
 
-def drawn_lag_s(random: Random) -> float:
-    """Time constant with which a robot's servos follow, any size as likely as any other."""
-    return LEAST_LAG_S * (MOST_LAG_S / LEAST_LAG_S) ** random.random()
-
-
 def robot(job: tuple[int, Physics, str]) -> Robot:
     """Half a minute without a fault, then each fault."""
     wheels, physics, seed = job
-    lag_s = drawn_lag_s(Random(f"{seed}/lag"))
-    rig = Rig.of(seed, wheels, physics=physics, lag_s=lag_s)
+    rig = Rig.of(seed, wheels, physics=physics, build=Build.drawn(Random(f"{seed}/build")))
     paper = 0
     for _ in range(round(WARM_UP_S * 10)):
         rig.drive(0.1)

@@ -20,7 +20,6 @@ from tests.bench.diagnoser import (
     KINDS,
     Outcome,
     befall,
-    drawn_lag_s,
     having,
     named_table,
 )
@@ -29,6 +28,7 @@ from tests.diagnoser.rig import WARM_UP_S, Rig
 from tests.odometry.simulation import differential_drive, other_drives, steered_drive
 from wackel_node.garbage import collect_rarely
 from wackel_schemas.message import Message
+from wackel_virtual.build import Build
 from wackel_virtual.drive_simulation import Cycle
 
 ROBOTS = 40
@@ -74,11 +74,11 @@ def robot(job: tuple[str, str]) -> Driven:
     name, seed = job
     collect_rarely()
     random = Random(seed)
-    lag_s, driving = drawn_lag_s(random), random.choice(("random", *DRIVING))
+    build, driving = Build.drawn(random), random.choice(("random", *DRIVING))
     kind = Untold if name == UNTOLD else Rig
-    healthy = kind.of(seed, DRIVES[name], lag_s=lag_s, driving=driving, shown=False)
+    healthy = kind.of(seed, DRIVES[name], build=build, driving=driving, shown=False)
     healthy.drive(HEALTHY_S)
-    rig = kind.of(seed, DRIVES[name], lag_s=lag_s)
+    rig = kind.of(seed, DRIVES[name], build=build)
     rig.drive(WARM_UP_S)
     reports = [
         report

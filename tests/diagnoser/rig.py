@@ -19,9 +19,9 @@ from wackel_schemas.fault import FaultReport
 from wackel_schemas.message import Message
 from wackel_schemas.residuals import Residuals
 from wackel_schemas.virtual import Injection
+from wackel_virtual.build import Build
 from wackel_virtual.calibration_errors import CalibrationErrors
 from wackel_virtual.drive_simulation import START_NS, Cycle, DriveSimulation
-from wackel_virtual.motion import TIME_CONSTANT_S
 
 GYRO = "body"
 WARM_UP_S = 30.0
@@ -67,7 +67,7 @@ class Rig:
         physics: Literal["fast", "mujoco"] = "fast",
         worse: float = 1.0,
         driving: str = "random",
-        lag_s: float = TIME_CONSTANT_S,
+        build: Build = Build(),  # noqa: B008  (frozen)
         shown: bool = True,
     ) -> Self:
         """A new robot; ``drive``: or how many steered wheels it has.
@@ -78,7 +78,7 @@ class Rig:
             physics: Of the simulation.
             worse: By how much its calibration is worse than its configuration says.
             driving: A kind of :mod:`tests.diagnoser.driving`.
-            lag_s: Time constant with which its servos follow.
+            build: What else it is like.
             shown: Whether anyone looks at residuals.
         """
         config = steered_drive(drive) if isinstance(drive, int) else drive
@@ -88,7 +88,7 @@ class Rig:
             seed,
             physics=physics,
             errors=CalibrationErrors.drawn(config, gyro, seed, worse),
-            lag_s=lag_s,
+            build=build,
         )
         rng = np.random.default_rng(Random(seed).getrandbits(63))
         sideways = config.kind in ("steered", "mecanum", "omni")

@@ -11,6 +11,7 @@ from tests.diagnoser.driving import DRIVING, course
 from tests.diagnoser.rig import Rig
 from wackel_schemas import component
 from wackel_schemas.fault import FaultReport
+from wackel_virtual.build import Build
 
 
 @pytest.mark.parametrize("kind", ["random", *DRIVING])
@@ -41,7 +42,7 @@ def test_bad_calibration_is_no_fault(kind: str, count: int) -> None:
 @pytest.mark.parametrize(("lag_s", "number"), [(0.022, 1), (0.04, 4), (0.06, 5)])
 def test_servos_of_any_lag_are_sound_though_commands_jump(lag_s: float, number: int) -> None:
     """What is still to come of a jump differs a lot for lags that hardly differ."""
-    rig = Rig.of(f"tune/lag/{number}", 4, driving="jumps", lag_s=lag_s)
+    rig = Rig.of(f"tune/lag/{number}", 4, driving="jumps", build=Build(lag_s=lag_s))
     rig.drive(18.0)
     assert [each.code for each in rig.reports if each.component != component.COMMAND] == []
     assert rig.residuals is not None
@@ -81,14 +82,14 @@ def test_friction_learnt_at_low_speed_is_not_believed_at_a_higher_one() -> None:
 
 def test_a_motor_that_others_spare_all_slowing_down_is_not_idle() -> None:
     """For a second they push its wheel just as much as it would have to brake."""
-    rig = Rig.of("alarms/548", 4, lag_s=0.1057)
+    rig = Rig.of("alarms/548", 4, build=Build(lag_s=0.1057))
     rig.drive(12.0)
     assert rig.reports == []
 
 
 def test_a_tyre_that_spends_all_its_grip_is_no_fault_of_its_wheel() -> None:
     """The outer wheel of a robot that turns as quickly as it can slips by a tenth."""
-    rig = Rig.of("alarms/311", 3, physics="mujoco", driving="hard", lag_s=0.0219)
+    rig = Rig.of("alarms/311", 3, physics="mujoco", driving="hard", build=Build(lag_s=0.0219))
     rig.drive(65.0)
     assert [each.code for each in rig.reports if each.component != component.COMMAND] == []
 

@@ -10,6 +10,7 @@ from tests.odometry.simulation import steered_drive
 from wackel_diagnoser.forced import GRIP_M_S2, ForcedMotion
 from wackel_drive.layout import Layout
 from wackel_kinematics.inverse import inverse
+from wackel_virtual.build import Build
 from wackel_virtual.drive_simulation import Cycle
 
 ERROR_RAD = 0.15
@@ -99,7 +100,7 @@ def test_bad_calibration_that_deceives_for_as_long_as_a_motion_lasts_is_no_wrong
 
 
 def test_bad_calibration_at_which_two_wheels_pull_alike_is_no_wrong_zero() -> None:
-    rig = Rig.of("alarms/501", 4, worse=3.0, physics="mujoco", lag_s=0.0645)
+    rig = Rig.of("alarms/501", 4, worse=3.0, physics="mujoco", build=Build(lag_s=0.0645))
     rig.drive(70.0)
     assert rig.reports == []
 

@@ -18,6 +18,7 @@ from wackel_kinematics.array import Floats
 from wackel_kinematics.inverse import inverse
 from wackel_node.config_drive import DriveConfig, GyroConfig
 from wackel_schemas import component
+from wackel_virtual.build import Build
 
 GYROS = {GYRO: GyroConfig()}
 STEP_S = 0.01
@@ -230,14 +231,14 @@ def test_of_a_steering_half_a_degree_off_no_kind_is_claimed(warm: Rig, kind: str
 )
 def test_what_coarse_encoders_round_is_no_change(number: int, driving: str, lag_s: float) -> None:
     drive = steered_drive(4, encoder_step=2 * math.pi / 1024)
-    rig = Rig.of(f"vary/coarse/{number}", drive, driving=driving, lag_s=lag_s)
+    rig = Rig.of(f"vary/coarse/{number}", drive, driving=driving, build=Build(lag_s=lag_s))
     rig.drive(80.0)
     assert rig.reports == []
 
 
 def test_a_motor_of_a_slow_robot_that_is_hardly_wrong_is_named() -> None:
     """Its wheels are always on the way to what they are told; how late, is known."""
-    robot = Rig.of("slow/2", 3, lag_s=0.11)
+    robot = Rig.of("slow/2", 3, build=Build(lag_s=0.11))
     robot.drive(30.0)
     robot.inject("drive_scale", "w2", -0.03)
     robot.drive(8.0)

@@ -5,10 +5,11 @@ from typing import Any, Literal
 
 import pytest
 
-from tests.bench.diagnoser import befall, drawn_lag_s
+from tests.bench.diagnoser import befall
 from tests.diagnoser.rig import SEED, SHORT_WARM_UP_S, WARM_UP_S, Rig
 from tests.odometry.simulation import differential_drive
 from wackel_schemas import component
+from wackel_virtual.build import Build
 
 
 def seen_after_s(rig: Rig, begin_ns: int) -> float:
@@ -69,7 +70,8 @@ def test_a_wheel_that_is_freed_heals_and_is_called_nothing_else(
 
 def test_a_wheel_that_stands_is_not_taken_for_its_steering() -> None:
     seed = "judge29/fast/3/48"
-    rig = Rig.of(seed, 3, lag_s=drawn_lag_s(Random(f"{seed}/lag")))
+    lag_s = Build.drawn(Random(f"{seed}/lag")).lag_s
+    rig = Rig.of(seed, 3, build=Build(lag_s=lag_s))
     rig.drive(WARM_UP_S)
     befall(rig, 0, seed)
     assert rig.active() == [("wheel_blocked", "wheel/w1/drive")]

@@ -13,7 +13,8 @@ from tests.odometry.simulation import differential_drive, other_drives, steered_
 from wackel_node.config import ConfigError, RobotConfig
 from wackel_node.config_drive import DriveConfig, GyroConfig
 from wackel_schemas.virtual import Injection
-from wackel_virtual.body import FRICTION, GRAVITY
+from wackel_virtual.body import GRAVITY
+from wackel_virtual.build import Build
 from wackel_virtual.calibration_errors import CalibrationErrors
 from wackel_virtual.drive_faults import DRIVE_KINDS
 from wackel_virtual.drive_simulation import Cycle, DriveSimulation
@@ -101,7 +102,7 @@ def test_no_wheel_pushes_with_more_than_its_grip(
     cycles = driven(simulation(other_drives()[name]), 0.3, twist)
     speeds = [math.hypot(*cycle.twist[:2]) for cycle in cycles]
     fastest = max(100 * (now - before) for before, now in pairwise(speeds))
-    assert fastest == pytest.approx(share * FRICTION * GRAVITY, rel=0.03)
+    assert fastest == pytest.approx(share * Build().friction * GRAVITY, rel=0.03)
 
 
 def test_motors_follow_with_a_lag_of_first_order() -> None:

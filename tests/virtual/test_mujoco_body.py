@@ -12,7 +12,10 @@ from wackel_drive.layout import Layout
 from wackel_node.config import ConfigError
 from wackel_node.config_drive import DriveConfig, WheelConfig
 from wackel_schemas.virtual import Injection
-from wackel_virtual.body import FRICTION, GRAVITY, WheelStates, World
+from wackel_virtual.body import GRAVITY, WheelStates, World
+from wackel_virtual.build import Build
+
+BUILD = Build()
 
 pytest.importorskip("mujoco")
 
@@ -95,9 +98,9 @@ def test_steps_of_any_length_take_their_time(duration_s: float) -> None:
 
     layout = Layout(steered_drive(3))
     ahead = [0.0] * 3
-    body = MujocoBody(layout.drive, ahead)
+    body = MujocoBody(layout.drive, ahead, BUILD)
     rolling = WheelStates([6.0] * 3, [True] * 3, [False] * 3, ahead)
-    world = World([FRICTION] * 3, (0.0, 0.0, 0.0))
+    world = World([BUILD.friction] * 3, (0.0, 0.0, 0.0))
     for _ in range(round(1.0 / duration_s)):
         body.step(rolling, world, duration_s)
     start, before = body.pose[0], body.angle
@@ -117,7 +120,8 @@ def braking(kind: str) -> list[tuple[float, float, float]]:
     heading, lever, part = (
         (about, drive.length_m, 2) if kind == "about" else ([0.0] * drive.n, 1.0, 0)
     )
-    body, world = MujocoBody(drive, heading), World([FRICTION] * drive.n, (0.0, 0.0, 0.0))
+    body = MujocoBody(drive, heading, BUILD)
+    world = World([BUILD.friction] * drive.n, (0.0, 0.0, 0.0))
     radius, goal, result = drive.roll_radius, 0.25, []
     for cycle in range(400):
         goal *= np.exp(-0.002 / 0.025) if cycle >= 300 else 1.0
@@ -140,7 +144,7 @@ def test_motors_show_what_they_push_the_robot_with() -> None:
     """As those of the fast body do, whose wheels have no inertia."""
     cycles = braking("along")
     effort = sum(effort for _, _, effort in cycles[1:])
-    assert effort * FRICTION * GRAVITY * 0.002 == pytest.approx(-cycles[0][0], rel=0.1)
+    assert effort * BUILD.friction * GRAVITY * 0.002 == pytest.approx(-cycles[0][0], rel=0.1)
 
 
 def test_a_wheel_comes_free_again() -> None:
