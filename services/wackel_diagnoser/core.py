@@ -107,10 +107,10 @@ class Diagnoser:
         self._sequential = Sequential(hypotheses.prior, hypotheses.explanation, limit)
         self._small = SmallFaults(layout, config, rows, gyros)
         self._bias = GyroBias(list(gyros.values()))
-        self._adopt()
         self._efforts = Efforts(layout)
         self._idle = IdleMotors(len(layout.drive.roll_wheels), RATE / MOTORS_EVERY)
         self._references = ReferenceErrors(layout, rows)
+        self._adopt()
         self._history = History(layout)
         self._verdicts = Verdicts(
             layout,
@@ -327,6 +327,8 @@ class Diagnoser:
 
     def _adopt(self) -> None:
         """What has been learnt goes into the rows."""
+        if (motion := self._references.motion) is not None:
+            motion.adopt(self._small.gives_way, self._efforts.mass)
         self._rows.adopt(
             self._small.calibration, biases=self._bias.variance, scales=self._scaling.factors
         )

@@ -22,12 +22,11 @@ from wackel_kinematics.drive import Drive
 
 GRIP_M_S2 = 6.5
 """All friction of a robot by its mass: rubber on a smooth floor, 0.7 of gravity."""
-GIVES_WAY_M_S = 0.06
-"""What a wheel loses of its speed when its drive pushes with all its grip: velocity control without
-integral part."""
-HASTENING_S = GIVES_WAY_M_S / GRIP_M_S2
-"""By how much a drive lags because it gives way to the robot's mass: the references, which lag as
-drives were seen to, have it in them."""
+YIELDS_S = 0.008
+"""What drives lose of their speed by the acceleration that they push with, before it is known: with
+all their grip 5 cm/s, of a velocity control without integral part."""
+LEAST_YIELDS_S, MOST_YIELDS_S = 0.001, 0.03
+"""Stiffer drives move a robot no otherwise; softer ones would not drive it."""
 CREEP_M_S = 0.001
 CREEP_SHARE = 0.002
 """Slip at which a tyre has most of its grip: at rest, and by the speed. Tyres of cars have 5 %,
@@ -97,8 +96,12 @@ def is_whole(block: Block, rows: Rows) -> bool:
     return gyros > 0 and all(measured.present is rows.every for _, _, measured, _ in block)
 
 
-def observe(block: Block, rows: Rows) -> Observed:
-    """A block of two steps or more, which :func:`is_whole`."""
+def observe(block: Block, rows: Rows, yields_s: float) -> Observed:
+    """A block of two steps or more, which :func:`is_whole`.
+
+    Drives lag because they give way to the robot's mass, by ``yields_s``: references, which lag as
+    drives were seen to, have that in them.
+    """
     (first, _, at_first, _), (last, _, at_last, _) = block[0], block[-1]
     seconds, intervals = (last.end - first.end) / 1e9, len(block) - 1
     each = np.array(
@@ -127,7 +130,7 @@ def observe(block: Block, rows: Rows) -> Observed:
     return Observed(
         heading - late,
         told - late,
-        speed + HASTENING_S / seconds * (end - begin),
+        speed + yields_s / seconds * (end - begin),
         rolled,
         sum(yaw) / len(yaw),
         np.array((ax - omega * vy, ay + omega * vx, alpha)),
@@ -164,6 +167,9 @@ class ForcedMotion:
 
     Args:
         layout: Of a drive that :func:`can_force`.
+
+    Attributes:
+        yields_s: What drives lose of their speed by the acceleration that they push with.
     """
 
     def __init__(self, layout: Layout) -> None:
@@ -173,8 +179,18 @@ class ForcedMotion:
         self._inertia: Floats = np.array([1.0, 1.0, (GYRATION * length) ** 2])
         self._anyway = np.column_stack((REGULAR, np.zeros(3)))  # of the normal equations
         self._grip = GRIP_M_S2 / drive.n
-        self._stiffness = self._grip / GIVES_WAY_M_S
+        self.yields_s = YIELDS_S
         self._length_m = length
+
+    def adopt(self, gives_way: float, mass: float) -> None:
+        """What has been learnt of this robot's drives.
+
+        Args:
+            gives_way: By how much they are slower for what they push, m/s by A; 0: not known.
+            mass: What each pushes by acceleration, A s²/m.
+        """
+        if gives_way > 0.0:
+            self.yields_s = min(max(gives_way * mass, LEAST_YIELDS_S), MOST_YIELDS_S)
 
     def move(self, seen: Observed, heading: Floats, before: Motion | None) -> Motion:
         """How the robot would move in a block if wheels stood like this.
@@ -259,7 +275,7 @@ class ForcedMotion:
             acceleration: Commanded, in the robot frame, shape (3,).
             before: The same cases a moment ago.
         """
-        n, stiffness = self._n, self._stiffness
+        n, stiffness = self._n, 1.0 / (self._n * self.yields_s)
         rows = self._drive.many_known_rows(heading)
         across = rows.swapaxes(1, 2)
         # The rows beside what they show, as the normal equations beside their right sides.

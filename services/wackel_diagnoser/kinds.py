@@ -131,7 +131,7 @@ class KindTest:
         """
         if not is_whole(block, rows):
             return
-        seen, wheel = observe(block, rows), self._own - len(self._others)
+        seen, wheel = observe(block, rows, motion.yields_s), self._own - len(self._others)
         if not math.isfinite(float(seen.told[wheel])):
             return
         headings = np.array([seen.heading, seen.heading])

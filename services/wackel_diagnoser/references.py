@@ -105,13 +105,14 @@ class ReferenceErrors:
         rows: How its measurements are numbered.
 
     Attributes:
+        motion: How wheels force each other; ``None`` where they cannot.
         found: The zero that is known to be wrong.
     """
 
     def __init__(self, layout: Layout, rows: Rows) -> None:
         n = layout.drive.n
         self._rows = rows
-        self._motion = ForcedMotion(layout) if can_force(layout.drive) else None
+        self.motion = ForcedMotion(layout) if can_force(layout.drive) else None
         cases = np.zeros((1 + n * len(SIZES), n))
         for wheel in range(n):
             first = 1 + wheel * len(SIZES)
@@ -157,7 +158,7 @@ class ReferenceErrors:
             measured: The rows of that.
             current: Of the rolling motors, A or share of load; NaN if unknown.
         """
-        if self._motion is None:
+        if self.motion is None:
             return False
         self._steps.append((step, target, measured, current))
         self._seconds += step.seconds
@@ -184,14 +185,14 @@ class ReferenceErrors:
             seconds: How long they took.
             stands_for: And with those that were not looked at.
         """
-        motion = self._motion
+        motion = self.motion
         if motion is None or not is_whole(block, self._rows):
             self._before = None
             return False
         turned = np.concatenate([step.steered for step, _, _, _ in block]).tolist()
         if not max(map(abs, turned)) < TURNING_RAD_S * seconds / len(block):
             return False
-        seen = observe(block, self._rows)
+        seen = observe(block, self._rows, motion.yields_s)
         off = np.abs(seen.rolled - seen.speed) - FOLLOWS_SHARE * np.abs(seen.speed)
         astray = np.abs(seen.heading - seen.told).max()
         if not (off.max() < FOLLOWS_M_S and astray < FOLLOWS_RAD):

@@ -16,7 +16,6 @@ from itertools import compress
 
 import numpy as np
 
-from wackel_diagnoser.forced import ForcedMotion, can_force
 from wackel_diagnoser.hypotheses import Class, Hypotheses
 from wackel_diagnoser.kinds import WINDOW_S, KindTest
 from wackel_diagnoser.reference import Target
@@ -104,7 +103,6 @@ class Verdicts:
         self._steerings = {
             component.wheel_drive(name): component.wheel_steering(name) for name in layout.names
         }
-        self._motion = ForcedMotion(layout) if can_force(layout.drive) else None
         self._spare = _spare(layout.drive, rows)
         self.since = 0
         self.kinds: dict[str, Class] = {}
@@ -226,11 +224,12 @@ class Verdicts:
 
     def _force(self, test: KindTest, moment: tuple[Step, Target, Measured, list[float]]) -> None:
         """Has a steering's test compare how it forces the robot aside."""
-        if self._motion is None or not test.steering:
+        motion = self._references.motion
+        if motion is None or not test.steering:
             return
         self._block.append(moment)
         if len(self._block) >= FORCED_STEPS:
-            test.force(self._block, self._rows, self._motion, self._references)
+            test.force(self._block, self._rows, motion, self._references)
             self._block.clear()
 
     def _kind(self, test: KindTest) -> Class:
