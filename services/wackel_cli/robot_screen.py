@@ -13,6 +13,8 @@ from wackel_schemas.health import FaultRecord, Health, ServiceHealth
 
 _LEVEL_STYLE = {"ok": "green", "warning": "yellow", "fault": "bold red", "unknown": "magenta"}
 _SEVERITY_STYLE = {"info": "cyan", "warning": "yellow", "fault": "bold red"}
+_UNKNOWN = "magenta"  # its source is silent: neither a fault for certain nor well
+_WORST_FIRST = ("bold red", _UNKNOWN, "yellow", "cyan")  # as health ranks them
 _SERVICE_STYLE = {"ready": "green", "starting": "cyan", "stopped": "dim"}
 _STALE = "bright_black"
 _SILENT_S = 1.0  # without an answer: every servo is asked several times a second
@@ -102,18 +104,18 @@ def _drive(model: RobotModel, now_s: float) -> list[Text]:
         elif not odometry.valid:
             line.append(f"  not valid: {odometry.reason}", "magenta")
     wheels = Text("wheels", style="dim")
-    faults = [f for f in model.faults("confirmed", "pending") if not f.inhibited_by]
+    faults = [f for f in model.faults(*_SHOWN_STATUSES) if not f.inhibited_by]
     for name in model.wheels:
         of_it = (component.wheel_drive(name), component.wheel_steering(name))
         wrong = [fault for fault in faults if fault.component in of_it]
         wheels.append("  ● ", _worst(wrong) if wrong else "green").append(name, "default")
         for fault in wrong:
             part = fault.component.rpartition("/")[2]
-            wheels.append(f" {part}: {fault.code}", _SEVERITY_STYLE[fault.severity])
+            wheels.append(f" {part}: {fault.code}", _style(fault))
     for fault in faults:
         if fault.component.partition("/")[0] in ("gyro", "drive", "command"):
-            wheels.append("  ● ", _SEVERITY_STYLE[fault.severity])
-            wheels.append(f"{fault.component}: {fault.code}", _SEVERITY_STYLE[fault.severity])
+            wheels.append("  ● ", _style(fault))
+            wheels.append(f"{fault.component}: {fault.code}", _style(fault))
     return [line, wheels]
 
 
@@ -133,11 +135,11 @@ def _bus_line(bus: Bus, model: RobotModel, now_s: float) -> Text:
     if stale:
         line.stylize(_STALE)
         line.append(f"  {_duration(now_s - at_s)} old", "magenta")
-    for fault in model.faults("confirmed", "pending"):
+    for fault in model.faults(*_SHOWN_STATUSES):
         if fault.component in (component.bus(bus.name), component.adapter(bus.name)) or (
             fault.component == component.supply(bus.name)
         ):
-            line.append(f"  {fault.code}", _SEVERITY_STYLE[fault.severity])
+            line.append(f"  {fault.code}", _style(fault))
     return line
 
 
@@ -145,7 +147,7 @@ class _Marks:
     """Which servos and cables of a bus have which faults."""
 
     def __init__(self, bus: Bus, model: RobotModel) -> None:
-        faults = [f for f in model.faults("confirmed", "pending") if not f.inhibited_by]
+        faults = [f for f in model.faults(*_SHOWN_STATUSES) if not f.inhibited_by]
         self.servos: dict[int, list[FaultRecord]] = {}
         self.cables: dict[int, list[FaultRecord]] = {}
         before: int | None = None
@@ -173,8 +175,7 @@ class _Marks:
     def codes(self, servo_id: int) -> list[tuple[str, str]]:
         """Codes and styles of the faults at a servo and at the cable that leads to it."""
         return [
-            (fault.code, _SEVERITY_STYLE[fault.severity])
-            for fault in self.cables[servo_id] + self.servos[servo_id]
+            (fault.code, _style(fault)) for fault in self.cables[servo_id] + self.servos[servo_id]
         ]
 
 
@@ -262,7 +263,7 @@ def _faults(model: RobotModel, width: int) -> list[Text]:
 
 
 def _fault(fault: FaultRecord, health: Health, width: int) -> list[Text]:
-    style = _SEVERITY_STYLE[fault.severity]
+    style = _style(fault)
     head = Text(" ").append("▲ ", style).append(fault.code, style)
     head.append(f"  {fault.confidence:.0%}  since {clock_time(fault.first)[:8]}")
     head.append(f", {_duration((health.stamp - fault.first) / 1e9)}")
@@ -319,9 +320,12 @@ def _service_line(services: list[ServiceHealth]) -> Text:
     return line
 
 
+def _style(fault: FaultRecord) -> str:
+    return _UNKNOWN if fault.status == "unknown" else _SEVERITY_STYLE[fault.severity]
+
+
 def _worst(faults: list[FaultRecord]) -> str:
-    order = ("fault", "warning", "info")
-    return _SEVERITY_STYLE[min((fault.severity for fault in faults), key=order.index)]
+    return min(map(_style, faults), key=_WORST_FIRST.index)
 
 
 def _silent(servo: Servo, now_s: float) -> bool:

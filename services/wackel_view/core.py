@@ -89,8 +89,8 @@ class View:
         self._health, self._heard_ns, self._silent = health, now_ns, False
         self._troubles = {}
         for fault in health.faults:
-            if fault.status in ("confirmed", "pending"):
-                trouble = Trouble(fault.code, fault.status == "confirmed")
+            if fault.status != "healed":
+                trouble = Trouble(fault.code, fault.status)
                 self._troubles.setdefault(fault.component, []).append(trouble)
         return [(HEALTH, health_text.as_json(health)), *((LOG, line) for line in lines)]
 

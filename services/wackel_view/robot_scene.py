@@ -23,6 +23,7 @@ from wackel_node.config_drive import DriveConfig, WheelConfig, position
 from wackel_schemas import component
 from wackel_schemas.bus import BusState
 from wackel_schemas.drive import Odometry
+from wackel_schemas.health import FaultStatus
 from wackel_view.drawing import (
     ACCENT,
     BAD,
@@ -50,6 +51,7 @@ JUMP_M = 0.5
 
 _RANKED = (GOOD, DOUBTFUL, UNKNOWN, BAD)
 _FINE, _DOUBTFUL, _UNKNOWN, _FAULTY = range(len(_RANKED))
+_OF_FAULT = {"pending": _DOUBTFUL, "unknown": _UNKNOWN, "confirmed": _FAULTY}
 _OF_INPUT = {"rejected": _DOUBTFUL, "missing": _UNKNOWN}
 
 
@@ -59,11 +61,11 @@ class Trouble:
 
     Attributes:
         code: Of the fault.
-        certain: Whether it is confirmed.
+        status: Of the fault, which is not healed.
     """
 
     code: str
-    certain: bool
+    status: FaultStatus
 
 
 class RobotScene:
@@ -204,7 +206,7 @@ class RobotScene:
         worst, words = _FINE, [wheel.name]
         for part in [*sorted(parts), *(component.servo(*servo) for servo in wheel.servos())]:
             for trouble in troubles.get(part, ()):
-                worst = max(worst, _FAULTY if trouble.certain else _DOUBTFUL)
+                worst = max(worst, _OF_FAULT[trouble.status])
                 words.append(trouble.code.replace("_", " "))
         for excluded in odometry.excluded:
             if excluded.component in parts:

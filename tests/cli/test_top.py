@@ -10,6 +10,7 @@ import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rich.text import Text
 
 from tests.conftest import Rendezvous
 from wackel_cli.robot_model import RobotModel
@@ -378,6 +379,47 @@ def test_faults_of_the_drive_stand_at_their_wheels() -> None:
     )
     assert "● left drive: wheel_blocked  ● right" in lines[2]
     assert lines[2].endswith("● gyro/body: gyro_frozen")
+
+
+def style_of(line: Text, words: str) -> str:
+    """How words stand in a line."""
+    spans = [span for span in line.spans if words in line.plain[span.start : span.end]]
+    assert spans, (words, line)
+    return str(spans[-1].style)
+
+
+def dots(line: Text) -> list[str]:
+    """How the dots of a line stand there."""
+    spans = [span for span in line.spans if "●" in line.plain[span.start : span.end]]
+    return [str(span.style) for span in spans]
+
+
+@pytest.mark.parametrize("height", [24, 8])
+def test_what_a_silent_source_has_said_is_neither_a_fault_for_certain_nor_well(height: int) -> None:
+    model = on_wheels(
+        record("wheel_blocked", "wheel/left/drive", "unknown"),
+        record("gyro_frozen", "gyro/body", "unknown"),
+        record("noise", "bus/main", "unknown"),
+        record("overload", "bus/main/servo/3", "unknown"),
+    )
+    _, _, wheels, bus, *chain = render(model, 2.0, 100, height)
+    (servo,) = (line for line in chain if "●  3" in line.plain)
+    for line, words in (
+        (wheels, "drive: wheel_blocked"),
+        (wheels, "gyro/body: gyro_frozen"),
+        (bus, "noise"),
+        (servo, "overload"),
+    ):
+        assert style_of(line, words) == "magenta"
+    assert dots(wheels) == ["green", "magenta", "green", "magenta"]
+
+
+def test_a_fault_for_certain_is_worse_than_one_whose_source_is_silent() -> None:
+    blocked = record("wheel_blocked", "wheel/left/drive")
+    slipping = record("wheel_free", "wheel/left/drive", "unknown")
+    wheels = render(on_wheels(slipping, blocked), 2.0, 100, 24)[2]
+    assert style_of(wheels, "wheel_free") == "magenta"
+    assert dots(wheels) == ["green", "bold red", "green"]
 
 
 def test_a_pose_that_is_old_or_not_valid_says_so() -> None:

@@ -103,6 +103,10 @@ def test_a_wheel_has_the_colour_of_the_worst_that_is_known_of_it() -> None:
     view.health(health(fault("wheel_blocked", "wheel/w2/drive", "pending")), START_NS)
     assert colour(view, odometry(float(next(now))), "w2") == "doubtful"
     assert colour(view, odometry(float(next(now))), "w1") == "good"
+    silent = fault("wheel_blocked", "wheel/w2/drive", "unknown")  # what found it has died
+    view.health(health(silent), START_NS)
+    assert colour(view, odometry(float(next(now))), "w2") == "unknown"
+    assert "wheel blocked" in shown(view.odometry(odometry(float(next(now)))), ROBOT)
 
 
 def test_a_wheel_points_where_its_servo_steers_it() -> None:
