@@ -48,7 +48,8 @@ class FaultRecord(Record, kw_only=True):
         inhibited_by: Component/code of the fault that this one follows from; empty if none.
         acknowledged: A person has seen it.
         occurrences: How often it became confirmed.
-        first, last: UTC ns of the first and the latest evidence.
+        first: UTC ns of the first evidence; of one that has come back, since then.
+        last: UTC ns at which its source last named it, or said that it is gone.
         freeze_frame: The evidence at the moment of confirmation, where ``evidence`` is a later one.
     """
 

@@ -131,7 +131,7 @@ class FaultMemory:
         fault.boot = report.boot
         fault.reported_ns = now.monotonic_ns
         fault.gone_ns = None
-        fault.record = _updated(fault.record, report, service)
+        fault.record = _updated(fault.record, report, service, now)
         match fault.record.status:
             case "healed":
                 self._begin(fault, now)
@@ -145,6 +145,7 @@ class FaultMemory:
         fault = self._active.get((code, component, source))
         if fault is not None and fault.gone_ns is None:
             fault.gone_ns = now.monotonic_ns
+            fault.record = replace(fault.record, last=now.utc_ns)
 
     def find(self, code: str, component: str, source: str) -> Fault | None:
         """What is in memory of a source's fault."""
@@ -293,12 +294,12 @@ def _new_record(report: FaultReport, source: str) -> FaultRecord:
         message="",
         remedy="",
         confidence=0.0,
-        first=report.since,
-        last=report.stamp,
+        first=0,
+        last=0,
     )
 
 
-def _updated(record: FaultRecord, report: FaultReport, service: str) -> FaultRecord:
+def _updated(record: FaultRecord, report: FaultReport, service: str, now: Instant) -> FaultRecord:
     confirmed_with = record.freeze_frame or record.evidence
     later = record.occurrences and report.evidence != confirmed_with
     return replace(
@@ -310,7 +311,8 @@ def _updated(record: FaultRecord, report: FaultReport, service: str) -> FaultRec
         evidence=report.evidence,
         freeze_frame=confirmed_with if later else None,
         service=service or record.service,
-        last=report.stamp,
+        first=report.since if record.status == "healed" else record.first,
+        last=now.utc_ns,  # one that is repeated has its old stamp
     )
 
 

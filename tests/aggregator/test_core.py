@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
+import msgspec
 import pytest
 
 from wackel_aggregator.core import Aggregator
@@ -192,6 +193,23 @@ def test_a_fault_that_comes_back_while_it_heals_is_the_same_occurrence(robot: Ro
     robot.run(5)
     fault = robot.fault("servo_silent")
     assert (fault.status, fault.occurrences) == ("confirmed", 1)
+
+
+def test_first_and_last_are_those_of_one_occurrence(robot: Robot) -> None:
+    begun = robot.now.utc_ns
+    robot.say(report())
+    robot.run(600)
+    told = robot.fault("servo_silent")
+    assert (told.first, told.last) == (begun, robot.now.utc_ns)
+    robot.say(report(status="healed"))
+    gone = robot.now.utc_ns
+    robot.run(60)
+    healed = robot.fault("servo_silent")
+    assert (healed.status, healed.first, healed.last) == ("healed", begun, gone)
+    back = msgspec.structs.replace(report(), since=robot.now.utc_ns)
+    robot.say(back)
+    robot.run(1)
+    assert robot.fault("servo_silent").first == back.since
 
 
 def test_a_fault_that_comes_back_healed_is_a_new_occurrence_not_yet_seen(
