@@ -4,7 +4,7 @@ import argparse
 import sys
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TextIO
 
@@ -41,6 +41,7 @@ def main(argv: list[str]) -> int:
     arguments = _parser().parse_args(argv)
     single_threaded()
     recordings = open_recordings(arguments.files)
+    _spare(arguments, recordings)
     with ExitStack() as stack:
         output = _open(arguments.output, stack)
         odometry = _open(arguments.odometry, stack)
@@ -74,6 +75,26 @@ def _parser() -> argparse.ArgumentParser:
         "--odometry", metavar="FILE", type=Path, help="write the odometry as JSON lines to FILE"
     )
     return parser
+
+
+def _spare(arguments: argparse.Namespace, recordings: list[Recording]) -> None:
+    """Refuses to write over what is read, or one file twice: opening it would empty it."""
+    named = [file.path for recording in recordings for file in recording.files]
+    for path in (arguments.config, arguments.output, arguments.odometry):
+        if path is None:
+            continue
+        if any(_same(path, other) for other in named):
+            raise NotWritable(
+                f"{path}: is named twice here, and what is in it would be lost; name another file"
+            )
+        named.append(path)
+
+
+def _same(path: Path, other: Path) -> bool:
+    """Whether both are one file, which need not be there yet."""
+    with suppress(OSError):
+        return path.samefile(other)
+    return path.resolve() == other.resolve()
 
 
 def _open(path: Path | None, stack: ExitStack) -> TextIO | None:

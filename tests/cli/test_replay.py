@@ -12,7 +12,7 @@ import pytest
 from tests.classifier.rig import EPOCH_NS, Rig, chain
 from tests.conftest import Rendezvous, wait_until
 from wackel_cli.comparison import differences
-from wackel_cli.replay import main
+from wackel_cli.replay import NotWritable, main
 from wackel_node.config import ConfigError, RobotConfig, dump
 from wackel_node.link import Link
 from wackel_node.listen import header_of
@@ -187,6 +187,35 @@ def test_another_configuration_can_be_tried(
     assert "cable_break" in capsys.readouterr().out
     with pytest.raises(ConfigError, match="no such file"):
         main([str(path), "--config", str(tmp_path / "none.toml")])
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ["-o", "run.mcap"],
+        ["--odometry", "./link.mcap"],
+        ["-o", "hard.mcap"],
+        ["-o", "x", "--odometry", "x"],
+        ["--config", "robot.toml", "-o", "robot.toml"],
+    ],
+)
+def test_a_recording_is_not_written_over_nor_a_file_twice(
+    options: list[str],
+    tmp_path: Path,
+    traffic: list[tuple[str, bytes]],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = write(tmp_path / "run.mcap", traffic)
+    before = path.read_bytes()
+    (tmp_path / "link.mcap").symlink_to(path)
+    (tmp_path / "robot.toml").write_text(dump(CONFIG))
+    (tmp_path / "hard.mcap").hardlink_to(path)
+    with pytest.raises(NotWritable, match=f"{options[-1].removeprefix('./')}: .*name another file"):
+        main(["run.mcap", *options])
+    assert path.read_bytes() == before
+    assert (tmp_path / "robot.toml").stat().st_size
+    assert not (tmp_path / "x").exists()
 
 
 def report(code: str, bus: str = "main", confidence: float = 0.5) -> FaultReport:
