@@ -1,4 +1,5 @@
 """Drives the robot along a path: commanded twists, and the servo goals that follow from them.
 
-``path``: where to go. ``control``: from a twist to goals. ``service``: the process.
+``path``: where to go. ``control``: from a twist to goals. ``wheel_mode``: servos that are ready
+to drive. ``service``: the process.
 """

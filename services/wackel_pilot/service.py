@@ -1,18 +1,18 @@
 """Publishes commands at a steady rate until a signal ends it, then stops the wheels."""
 
 import time
+from functools import partial
 
 from wackel_drive.layout import Layout, Servo
 from wackel_node.config import RobotConfig
 from wackel_node.config_drive import DriveConfig
 from wackel_node.errors import AlreadyRunning
 from wackel_node.link import Link
-from wackel_node.log import logger
 from wackel_node.node import Node
 from wackel_node.session import NotReached
 from wackel_pilot.control import Control
 from wackel_pilot.path import Path
-from wackel_protocols.dynamixel2.control_table import model
+from wackel_pilot.wheel_mode import commanded_buses, prepared
 from wackel_schemas import keys
 from wackel_schemas.bus import BusCommand, BusReply, BusRequest, ServoGoal
 from wackel_schemas.drive import TwistCommand
@@ -25,8 +25,6 @@ STOPPING_S = 0.2
 """For so long the wheels are told to stand: a command may be lost."""
 REQUEST_S = 5.0
 _RETRY_S = 0.1
-_WHEEL_MODE = 1
-"""Operating Mode: velocity control (e-manual, X series)."""
 
 
 def run(config: RobotConfig, drive: DriveConfig, path: Path, duration_s: float | None) -> None:
@@ -39,20 +37,19 @@ def run(config: RobotConfig, drive: DriveConfig, path: Path, duration_s: float |
         duration_s: For so long; absent: until a signal comes.
 
     Raises:
-        NotReached: No gateway answers.
+        ConfigError: A bus that moves wheels takes no commands.
+        NotReached: No gateway answers, or a servo that drives does not.
         AlreadyRunning: Another pilot drives it.
     """
+    buses = commanded_buses(config, drive)
     with Link(config) as link:
         if "pilot/main" in link.alive():
             raise AlreadyRunning(f"a pilot drives robot {config.robot} already; stop it first")
     with Node("pilot", "main", config) as node:
         layout = Layout(drive)
-        control = Control(drive, _prepared(node, config, layout))
+        control = Control(drive, prepared(config, layout, partial(_ask, node)))
         twists = node.publisher(keys.TWIST_COMMAND)
-        commands = {
-            bus: node.publisher(keys.COMMAND, bus=bus)
-            for bus in sorted({bus for wheel in drive.wheels for bus, _ in wheel.servos()})
-        }
+        commands = {bus: node.publisher(keys.COMMAND, bus=bus) for bus in buses}
         start_s = time.monotonic()
         torque_s = start_s
 
@@ -95,40 +92,23 @@ def run(config: RobotConfig, drive: DriveConfig, path: Path, duration_s: float |
                 time.sleep(1.0 / RATE_HZ)
 
 
-def _prepared(node: Node, config: RobotConfig, layout: Layout) -> dict[Servo, float]:
-    """Puts the driving servos into wheel mode; their greatest velocities, rad/s."""
-    limits = {}
-    for joint in layout.rolling:
-        if joint is None:
-            continue
-        servo = joint.servo
-        mode = _ask(
-            node, servo, BusRequest(operation="read", id=servo.id, register="operating_mode")
-        )
-        if mode.ok and mode.value != _WHEEL_MODE:
-            for register, value in (("torque_enable", 0), ("operating_mode", _WHEEL_MODE)):
-                request = BusRequest(operation="write", id=servo.id, register=register, value=value)
-                reply = _ask(node, servo, request)
-                if not reply.ok:
-                    logger.warning("servo %d on bus %s: %s", servo.id, servo.bus, reply.text)
-        limit = _ask(
-            node, servo, BusRequest(operation="read", id=servo.id, register="velocity_limit")
-        )
-        name = next((s.model for s in config.buses[servo.bus].servos if s.id == servo.id), None)
-        if limit.ok and limit.value and name is not None:
-            limits[servo] = model(name).registers["velocity_limit"].to_si(limit.value)
-    return limits
-
-
 def _ask(node: Node, servo: Servo, request: BusRequest) -> BusReply:
-    """The answer of a gateway; one that this process is not linked with yet is waited for."""
+    """The answer of a gateway; one that this process is not linked with yet is waited for, and
+    what did not succeed is tried again: an answer may get lost on the wire."""
     limit_s = time.monotonic() + REQUEST_S
+
+    def over() -> bool:
+        return node.stopping or time.monotonic() > limit_s
+
     while True:
         try:
-            return node.ask(BUS_REQUEST, request, timeout_s=REQUEST_S, bus=servo.bus)
+            reply = node.ask(BUS_REQUEST, request, timeout_s=REQUEST_S, bus=servo.bus)
         except TimeoutError as error:
-            if node.stopping or time.monotonic() > limit_s:
+            if over():
                 raise NotReached(
                     f"no gateway answers for bus {servo.bus}: start it with `wackel up` first"
                 ) from error
-            node.pump(_RETRY_S)
+        else:
+            if reply.ok or over():
+                return reply
+        node.pump(_RETRY_S)

@@ -113,3 +113,23 @@ def test_without_wheels_it_says_so(tmp_path: Path) -> None:
     with process(*pilot(tmp_path), log=tmp_path / "pilot.log") as driver:
         assert driver.wait(20) == USAGE
     assert "[drive]" in (tmp_path / "pilot.log").read_text()
+
+
+def test_a_robot_that_cannot_be_driven_is_not_driven(tmp_path: Path) -> None:
+    config = wheeled(tmp_path)
+    with running(config, tmp_path) as robot:
+        robot.wait(robot.ready)
+        watch = Watch(robot)
+        robot.inject("silent", 1)
+        with process(*pilot(tmp_path), log=tmp_path / "silent.log") as driver:
+            assert driver.wait(20) == NOT_REACHED
+        assert (
+            "servo 1 on bus main cannot be made to drive" in (tmp_path / "silent.log").read_text()
+        )
+        robot.listen(0.2)
+        assert watch.commands == []
+    tapped = msgspec.structs.replace(config.buses["main"], mode="tap")
+    write(msgspec.structs.replace(config, buses={"main": tapped}), tmp_path)
+    with process(*pilot(tmp_path), log=tmp_path / "tap.log") as driver:
+        assert driver.wait(20) == USAGE
+    assert "buses.main.mode = 'tap'" in (tmp_path / "tap.log").read_text()
