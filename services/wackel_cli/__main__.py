@@ -72,7 +72,9 @@ def _run(name: str, arguments: list[str]) -> int:
         code: int = importlib.import_module(command.module).main(arguments)
         sys.stdout.flush()
     except Explained as error:
-        print(f"wackel {name}: {error}", file=sys.stderr)
+        from wackel_cli.lines import printable  # slow to import
+
+        print(printable(f"wackel {name}: {error}"), file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         return INTERRUPTED

@@ -17,6 +17,7 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
+from wackel_cli.lines import printable
 from wackel_cli.robot_model import RobotModel
 from wackel_cli.robot_screen import render
 from wackel_cli.supervisor import Change, Job
@@ -208,7 +209,7 @@ class Show:
 
     def tell(self, line: str) -> None:
         """Adds a line to the story."""
-        self.story.append(f"{time.monotonic() - self._begin_s:6.1f} s  {line}")
+        self.story.append(printable(f"{time.monotonic() - self._begin_s:6.1f} s  {line}"))
 
     def note(self, change: Change) -> None:
         """A process of the robot started or ended."""

@@ -8,6 +8,7 @@ import msgspec
 from rich.console import Console
 from rich.text import Text
 
+from wackel_cli.lines import printable
 from wackel_node.arguments import add_config, config_of
 from wackel_node.errors import FAILED, OK
 from wackel_node.link import Link
@@ -59,7 +60,7 @@ def main(argv: list[str]) -> int:
         text = as_text(health)
         console.print(folded(text, console) if console.is_terminal else text)
     else:
-        print(reply.text, file=sys.stdout if reply.ok else sys.stderr)
+        print(printable(reply.text), file=sys.stdout if reply.ok else sys.stderr)
     if operation == "get":
         return OK if health is not None and health.level == "ok" else FAILED
     return OK if reply.ok else FAILED
@@ -74,6 +75,8 @@ def as_text(health: Health) -> Text:
         if service.status != "ready" or service.reason:
             reason = f": {service.reason}" if service.reason else ""
             lines.append(Text(f"{service.status:<{_LABEL}}{service.name}{reason}", style="yellow"))
+    for line in lines:
+        line.plain = printable(line.plain)  # summaries, messages and remedies come from the network
     return Text("\n").join(lines)
 
 
@@ -83,7 +86,7 @@ def folded(text: Text, console: Console) -> Text:
     shown = [*summary.wrap(console, console.width)]
     for line in lines:
         label, said = line.divide([_LABEL])
-        first, *rest = said.wrap(console, console.width - _LABEL)
+        first, *rest = said.wrap(console, max(1, console.width - _LABEL))
         shown += [label + first, *(Text(" " * _LABEL) + part for part in rest)]
     for line in shown:
         line.rstrip()

@@ -6,6 +6,7 @@ from typing import Literal
 
 import msgspec
 
+from wackel_cli.lines import printable
 from wackel_node.arguments import add_config, config_of, id_list
 from wackel_node.config import BusConfig, RobotConfig
 from wackel_node.errors import FAILED, OK, USAGE, Explained
@@ -80,7 +81,8 @@ def main(argv: list[str]) -> int:
             replies.append(reply)
             if not arguments.json:
                 who = f"servo {servo}: " if len(servos) > 1 else ""
-                print(f"{who}{reply.text}", file=sys.stdout if reply.ok else sys.stderr, flush=True)
+                line = printable(f"{who}{reply.text}")
+                print(line, file=sys.stdout if reply.ok else sys.stderr, flush=True)
     if arguments.json:
         told = replies[0] if len(arguments.ids) == 1 else replies
         print(msgspec.json.format(msgspec.json.encode(told), indent=2).decode())

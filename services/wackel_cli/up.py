@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import IO
 
+from wackel_cli.lines import printable
 from wackel_cli.supervisor import Change, Job, Supervisor
 from wackel_node import log
 from wackel_node.arguments import DEFAULT, add_config_first
@@ -264,7 +265,8 @@ def stopped_by_signals(link: Link) -> Iterator[Callable[[], bool]]:
 
 def show_text(name: str, event: str, detail: str) -> None:
     """One line for people."""
-    print(f"{time.strftime('%H:%M:%S')}  {name:<18}{event:<10}{detail}".rstrip(), flush=True)
+    line = f"{time.strftime('%H:%M:%S')}  {name:<18}{event:<10}{detail}".rstrip()
+    print(printable(line), flush=True)  # what health and services say comes from the network
 
 
 def show_json(name: str, event: str, detail: str) -> None:

@@ -44,6 +44,14 @@ def test_an_unknown_command_gets_a_suggestion(
     assert capsys.readouterr().err == f"wackel: no command {wrong!r}; {hint}\n"
 
 
+def test_an_error_is_one_line_that_cannot_steer_the_terminal(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["replay", "a\x1b[2J\nb"]) == 1
+    assert "\x1b" not in (told := capsys.readouterr().err)
+    assert told.count("\n") == 1
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_explains_itself(
     name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch

@@ -75,6 +75,23 @@ def test_on_a_narrow_terminal_what_is_folded_goes_on_below_itself() -> None:
     ]
 
 
+def test_no_terminal_is_too_narrow() -> None:
+    health = Health(stamp=1, level="fault", summary="The cable is loose.", faults=[record()])
+    narrow = folded(as_text(health), Console(width=5)).plain
+    assert "disconnected" in "".join(narrow.split())
+
+
+def test_text_from_the_network_cannot_steer_the_terminal() -> None:
+    said = "a\x1b[2J\x1b]0;b\nc"
+    evidence = Evidence(summary=said)
+    fault = record(code=said, component=said, message=said, remedy=said, evidence=evidence)
+    service = ServiceHealth(name=said, status="dead", since=1, reason=said)
+    health = Health(stamp=1, level="fault", summary=said, faults=[fault], services=[service])
+    text = as_text(health).plain
+    assert "\x1b" not in text
+    assert len(text.splitlines()) == 6
+
+
 @pytest.mark.process
 def test_who_has_the_wrong_configuration_is_told_who_is_there(tmp_path: Path) -> None:
     with robot.running(robot.chain(tmp_path, 3), tmp_path) as running:

@@ -29,7 +29,7 @@ from wackel_cli.supervisor import (
     Job,
     Supervisor,
 )
-from wackel_cli.up import is_news, rendezvous, robot_jobs
+from wackel_cli.up import is_news, rendezvous, robot_jobs, show_text
 from wackel_node.config import BusConfig, RecorderConfig, RobotConfig, ZenohConfig, dump
 from wackel_node.config_drive import GyroConfig
 from wackel_node.link import Link
@@ -86,6 +86,15 @@ def test_two_processes_under_one_name_are_news_once_each() -> None:
     assert beat(2, "stopping")
     assert beat(3, "ready")
     assert len(told) == 2
+
+
+def test_text_from_the_network_cannot_steer_the_terminal(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    show_text("health", "fault", "a\x1b[2J\nb")
+    assert capsys.readouterr().out.endswith(
+        "a\N{REPLACEMENT CHARACTER}[2J\N{REPLACEMENT CHARACTER}b\n"
+    )
 
 
 def test_an_address_that_cannot_be_listened_at_is_told_as_such() -> None:
