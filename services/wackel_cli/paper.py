@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -58,9 +58,9 @@ def main(argv: list[str]) -> int:
     missing = [name for name in ("mujoco", "matplotlib") if find_spec(name) is None]
     if missing:
         raise NotRun(f"{' and '.join(missing)} missing: pip install 'wackel[sim]'")
+    _prepare(arguments.output)
     log.set_up("paper")
     single_threaded()
-    arguments.output.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix="wackel-paper-") as directory:
         heard = _experiment(Path(directory))
     if heard is None:
@@ -77,6 +77,15 @@ def main(argv: list[str]) -> int:
     print(text)
     print(f"figures and text are in {arguments.output}")
     return OK
+
+
+def _prepare(output: Path) -> None:
+    """Makes the directory and tries it: after the experiment it would be a pity."""
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+        TemporaryFile(dir=output).close()
+    except OSError as error:
+        raise NotRun(f"{output}: nothing can be written there: {error.strerror}") from error
 
 
 def _robot(directory: Path) -> RobotConfig:
@@ -164,7 +173,10 @@ def _subscribe(link: Link, heard: "PaperLog") -> None:
 
 def _inject(link: Link, injection: Injection) -> None:
     request = VirtualRequest(operation="inject", injection=injection)
-    reply = link.ask(keys.VIRTUAL_REQUEST, request)
+    try:
+        reply = link.ask(keys.VIRTUAL_REQUEST, request)
+    except TimeoutError as error:
+        raise NotRun("the virtual robot does not answer: is the computer too busy?") from error
     if not reply.ok:
         raise NotRun(reply.text)
 

@@ -6,7 +6,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from wackel_cli.paper import main
+from tests.conftest import Rendezvous
+from wackel_cli.paper import NotRun, _inject, main
 from wackel_cli.paper_log import (
     BLOCKED_S,
     END_S,
@@ -20,10 +21,12 @@ from wackel_cli.wheeled_robot import three_wheels
 from wackel_node.config import ServoConfig, dump, parse
 from wackel_node.config_drive import DriveConfig
 from wackel_node.errors import OK
+from wackel_node.link import Link
 from wackel_schemas.bus import BusState, ServoState
 from wackel_schemas.drive import ImuSample, TwistCommand
 from wackel_schemas.fault import Evidence, FaultReport
 from wackel_schemas.residuals import Candidate, PaperStep, Residuals
+from wackel_schemas.virtual import Injection
 
 NAMES = ("(1,2;1)", "(1,2;2)", "(1,3;1)", "(1,3;3)", "(2,3;2)", "(2,3;3)")
 START_NS = 1_700_000_000_000_000_000
@@ -81,6 +84,33 @@ def heard() -> PaperLog:
         )
     )
     return log
+
+
+@pytest.mark.parametrize("place", ["file", "file/below", "/proc"])
+def test_where_nothing_can_be_written_it_is_said_before_the_experiment(
+    place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("wackel_cli.paper.find_spec", lambda _: True)
+    monkeypatch.setattr("wackel_cli.paper._experiment", lambda _: pytest.fail("it was made"))
+    monkeypatch.chdir(tmp_path)
+    Path("file").write_text("precious")
+    with pytest.raises(NotRun, match=f"{place}: nothing can be written there: "):
+        main(["--output", place])
+    assert Path("file").read_text() == "precious"
+
+
+def test_a_virtual_robot_that_does_not_answer_is_told(
+    rendezvous: Rendezvous, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def late(*_: object) -> None:
+        raise TimeoutError
+
+    monkeypatch.setattr(Link, "ask", late)
+    with (
+        Link(rendezvous.config) as link,
+        pytest.raises(NotRun, match="virtual robot does not answer"),
+    ):
+        _inject(link, Injection(kind="wheel_free"))
 
 
 def test_signatures_and_verdicts_are_counted_by_phase(heard: PaperLog) -> None:
