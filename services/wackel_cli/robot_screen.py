@@ -105,10 +105,15 @@ def _drive(model: RobotModel, now_s: float) -> list[Text]:
             line.append(f"  not valid: {odometry.reason}", "magenta")
     wheels = Text("wheels", style="dim")
     faults = [f for f in model.faults(*_SHOWN_STATUSES) if not f.inhibited_by]
+    inputs = odometry.inputs if odometry is not None else []
+    unseen = {each.name.rpartition("/")[0] for each in inputs if each.result == "missing"}
     for name in model.wheels:
         of_it = (component.wheel_drive(name), component.wheel_steering(name))
         wrong = [fault for fault in faults if fault.component in of_it]
-        wheels.append("  ● ", _worst(wrong) if wrong else "green").append(name, "default")
+        sound = _UNKNOWN if f"wheel/{name}" in unseen else "green"
+        wheels.append("  ● ", _worst(wrong) if wrong else sound).append(name, "default")
+        if sound == _UNKNOWN:
+            wheels.append(" no values", _UNKNOWN)
         for fault in wrong:
             part = fault.component.rpartition("/")[2]
             wheels.append(f" {part}: {fault.code}", _style(fault))

@@ -25,7 +25,7 @@ from wackel_schemas.bus import (
     ServoStatistics,
     Transaction,
 )
-from wackel_schemas.drive import Odometry
+from wackel_schemas.drive import InputState, Odometry
 from wackel_schemas.fault_codes import FAULT_CODES, message
 from wackel_schemas.health import FaultRecord, FaultStatus, Health, ServiceHealth
 from wackel_schemas.keys import HEALTH
@@ -412,6 +412,19 @@ def test_what_a_silent_source_has_said_is_neither_a_fault_for_certain_nor_well(h
     ):
         assert style_of(line, words) == "magenta"
     assert dots(wheels) == ["green", "magenta", "green", "magenta"]
+
+
+def test_a_wheel_whose_values_are_missing_is_not_well() -> None:
+    model = on_wheels(record("cable_break", CABLE))
+    assert model.odometry is not None
+    model.odometry.inputs = [
+        InputState(name="wheel/front/roll", result="rejected"),
+        InputState(name="wheel/left/roll", result="used"),
+        InputState(name="wheel/left/slide", result="missing"),
+    ]
+    wheels = render(model, 2.0, 100, 24)[2]
+    assert "● left no values  ● right" in wheels.plain
+    assert dots(wheels) == ["green", "magenta", "green"]
 
 
 def test_a_fault_for_certain_is_worse_than_one_whose_source_is_silent() -> None:
