@@ -1,5 +1,5 @@
-# make demo · make test · make bench · make fuzz · make alarms: each installs what it needs into
-# .venv first.
+# make demo [VIEW=1] · make test · make bench · make fuzz · make alarms: each installs what it needs
+# into .venv first.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -18,7 +18,7 @@ $(VENV)/dev: $(VENV)/run requirements-dev.lock
 	touch $@
 
 demo: $(VENV)/run
-	$(BIN)/wackel demo
+	$(BIN)/wackel demo $(if $(VIEW),--view)
 
 test: check unit process
 
