@@ -75,42 +75,58 @@ def _on(kind: str, wheel: str | None = None, value: float | None = None) -> Inje
     return Injection(kind=kind, wheel=wheel, value=value)
 
 
-EPISODES = (
+EPISODES = (  # faults of the drive and of the bus in turns
     Episode("the encoder of wheel w1 dies", _on("drive_sensor_stuck", "w1"), ("wheel_sensor",)),
     Episode("someone pulls the cable to servo 5", _at("break", 5), ("cable_break",)),
-    Episode("servo 8 falls silent", _at("silent", 8), ("servo_silent",)),
     Episode("wheel w2 jams", _on("wheel_blocked", "w2"), ("wheel_blocked",)),
-    Episode(
-        "the cable to servo 8 gets a loose contact",
-        Injection(kind="loose_contact", servo=8, value=10.0),
-        ("loose_contact",),
-    ),
+    Episode("servo 8 falls silent", _at("silent", 8), ("servo_silent",)),
     Episode(
         "the steering of wheel w3 stands 17° off",
         _on("steering_offset", "w3", 0.3),
         ("steering_offset", "steering_blocked"),
     ),
     Episode(
+        "the cable to servo 8 gets a loose contact",
+        Injection(kind="loose_contact", servo=8, value=10.0),
+        ("loose_contact",),
+    ),
+    Episode("the gyro's bias jumps", _on("gyro_offset", None, 0.3), ("gyro_deviates",)),
+    Episode(
         "a damaged servo pulls the bus low between packets",
         _at("rhythmic_jammer"),
         ("rhythmic_jammer",),
     ),
-    Episode("the gyro's bias jumps", _on("gyro_offset", None, 0.3), ("gyro_deviates",)),
-    Episode("servo 7 is overloaded", _at("overload", 7), ("overload",), reboot=7),
     Episode("the motor of wheel w1 is off", _on("wheel_free", "w1"), ("wheel_free",)),
-    Episode("servo 4 becomes slow", _at("slow", 4), ("slow_servo",)),
+    Episode("servo 7 is overloaded", _at("overload", 7), ("overload",), reboot=7),
     Episode(
         "the steering of wheel w1 shows a wrong angle",
         _on("steering_sensor_offset", "w1", 0.3),
         ("steering_sensor",),
     ),
+    Episode("servo 4 becomes slow", _at("slow", 4), ("slow_servo",)),
+    Episode("the gyro freezes", _on("gyro_frozen"), ("gyro_frozen",)),
     Episode("a damaged servo writes without pause", _at("permanent_jammer"), ("permanent_jammer",)),
+    Episode(
+        "wheel w3 sticks again and again",
+        _on("wheel_temporarily_blocked", "w3"),
+        ("wheel_sticks", "wheel_blocked"),
+    ),
     Episode(
         "the power contact of the cable to servo 6 corrodes",
         _at("contact_resistance", 6),
         ("contact_resistance",),
     ),
+    Episode(
+        "the encoder of wheel w2 shows a fifth too much",
+        _on("drive_sensor_scale", "w2", 0.2),
+        ("wheel_sensor",),
+    ),
     Episode("the battery is disconnected", _at("power_off"), ("no_power", "lost_signal")),
+    Episode(
+        "wheel w3 turns half as fast as it is told",
+        _on("drive_scale", "w3", -0.5),
+        ("wheel_deviates",),
+    ),
     Episode("the USB adapter is unplugged", _at("unplugged"), ("adapter_unplugged",)),
 )
 
