@@ -239,7 +239,7 @@ class Odometer:
             if not contradicted:
                 self._contradicted[number] = 0.0
             elif self._contradicted[number] >= RELEARN_S:
-                estimator.forget_bias(number)
+                estimator.forget_bias(number, off[number])
                 self._contradicted[number] = 0.0
         if any(contradicts):
             return None

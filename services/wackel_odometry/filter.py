@@ -69,11 +69,14 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         self.x = np.zeros(self.dim_x)
         self.P = np.diag(np.concatenate([np.zeros(6), self._bias_variance]))
 
-    def forget_bias(self, number: int) -> None:
-        """The bias of a gyro is as unknown as at the start."""
+    def forget_bias(self, number: int, off: float) -> None:
+        """The bias of a gyro is as unknown as at the start, or as it seems to be ``off``, rad/s.
+
+        Else one far beyond its data sheet would never be believed, nor told.
+        """
         at = FIRST_BIAS + number
         self.P[at, :] = self.P[:, at] = 0.0
-        self.P[at, at] = self._bias_variance[number]
+        self.P[at, at] = max(self._bias_variance[number], off**2)
 
     def widen_pose(self, position_sigma: float, heading_sigma: float) -> None:
         """The robot may have moved unseen; the twist of before says nothing any more."""

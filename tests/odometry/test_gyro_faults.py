@@ -15,8 +15,14 @@ from tests.odometry.simulation import (
 )
 from tests.odometry.test_core import Ride, replace_errors
 from wackel_node.config_drive import GyroConfig
+from wackel_odometry.core import RELEARN_S
 from wackel_schemas.drive import ImuSample
 from wackel_schemas.fault import FaultReport
+
+
+def quiet_ride(gyro: GyroConfig | None = None, late_s: float = 0.0) -> Ride:
+    """A robot as configured, whose gyro has the noise of a common one."""
+    return Ride(errors=replace_errors(exact(4), noise_density=0.0002), gyro=gyro, late_s=late_s)
 
 
 def spoiled(
@@ -26,7 +32,7 @@ def spoiled(
     turning: bool = True,
 ) -> list[FaultReport]:
     """What is reported of a gyro whose samples are changed after 2 s at rest."""
-    ride = Ride(errors=replace_errors(exact(4), noise_density=0.0002), gyro=gyro, late_s=late_s)
+    ride = quiet_ride(gyro, late_s)
     ride.drive(2.0, 0.0, 0.0, 0.0)
     rates = (1.0, -1.0, 0.6, -0.8, 1.2, 0.2, 0.9, -0.5) if turning else (0.0,) * 8
     for rate in rates:
@@ -110,6 +116,17 @@ def test_a_bias_beyond_the_data_sheet_is_told() -> None:
         ride.feed(moment)
     assert ride.codes() == [("gyro_bias", "active")]
     assert "0.025 rad/s at rest" in ride.reports[0].message
+
+
+@pytest.mark.parametrize("bias", [0.15, 0.5, 1.0])
+def test_a_bias_far_beyond_the_data_sheet_from_power_on_is_learned_and_told(bias: float) -> None:
+    ride = quiet_ride()
+    for moment in ride.moments(RELEARN_S + 2.0, 0.0, 0.0, 0.0):
+        moment.sample.angular_velocity = (0.0, 0.0, bias + moment.sample.angular_velocity[2])
+        ride.feed(moment)
+    assert ride.codes() == [("gyro_bias", "active")]
+    assert ride.now.gyros[0].bias == pytest.approx(bias, abs=0.001)
+    assert ride.now.standing
 
 
 @pytest.mark.parametrize("late_s", [0.04, -0.04])
