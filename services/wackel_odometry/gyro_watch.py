@@ -11,7 +11,8 @@ from wackel_odometry.time_offset import TimeOffset
 NEAR_SATURATION = 0.98
 """Share of the greatest rate beyond which a sensor is no longer linear."""
 SATURATED_NS = 1_000_000_000
-"""For so long after it the heading may have suffered."""
+"""For so long after it the heading may have suffered; samples at the limit that are no further
+apart are one run."""
 SILENT_NS = 500_000_000
 """Longer than any driver's buffer."""
 RATE_NS = 1_000_000_000
@@ -30,7 +31,7 @@ class GyroWatch:
     def __init__(self, config: GyroConfig) -> None:
         self._config = config
         self._value = StuckValue()
-        self._saturated: int | None = None
+        self._saturated: tuple[int, int] | None = None  # first and last of the present run
         self._stamp: int | None = None
         self._uncovered_ns = 0  # of the steps since the last one that its samples cover
         self._useless = 0  # samples since then
@@ -47,7 +48,9 @@ class GyroWatch:
         """A sample as it came; ``rate`` about the robot's z axis where it was taken."""
         self._value.sample(stamp, values)
         if rate is not None and abs(rate) >= NEAR_SATURATION * self._config.saturation:
-            self._saturated = stamp
+            first, last = self._saturated or (stamp, stamp)
+            # Steps are made of samples that are long there: the latest alone is of none of them.
+            self._saturated = first if 0 <= stamp - last <= SATURATED_NS else stamp, stamp
         self._stamp = stamp
         self._useless += 1
         since, count = self._window or (stamp, 0)
@@ -77,7 +80,7 @@ class GyroWatch:
             self._uncovered_ns += step.end - step.begin
         period = 1e9 / self._config.rate
         saturated = self._saturated is not None and (
-            step.begin - period <= self._saturated <= step.end + period
+            step.begin - period <= self._saturated[1] and self._saturated[0] <= step.end + period
         )
         return math.nan if saturated or self.frozen else rate
 
@@ -91,7 +94,7 @@ class GyroWatch:
         """What is wrong with it, as of the end of the latest step."""
         config, found = self._config, []
         # The latest sample may be newer than the latest step.
-        if self._saturated is not None and abs(now - self._saturated) <= SATURATED_NS:
+        if self._saturated is not None and abs(now - self._saturated[1]) <= SATURATED_NS:
             limit = config.saturation
             found.append(
                 Complaint(

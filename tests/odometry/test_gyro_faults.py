@@ -2,22 +2,29 @@
 
 import math
 from collections.abc import Callable
+from operator import itemgetter
 
 import numpy as np
 import pytest
 
 from tests.odometry.simulation import (
+    BUS,
     GYRO,
+    START_NS,
+    Robot,
     calibration_errors,
+    differential_drive,
     exact,
     random_path,
     steered_drive,
 )
 from tests.odometry.test_core import Ride, replace_errors
 from wackel_node.config_drive import GyroConfig
-from wackel_odometry.core import RELEARN_S
-from wackel_schemas.drive import ImuSample
+from wackel_odometry.core import RELEARN_S, Odometer
+from wackel_schemas.bus import BusState
+from wackel_schemas.drive import ImuSample, Odometry
 from wackel_schemas.fault import FaultReport
+from wackel_schemas.message import Message
 
 
 def quiet_ride(gyro: GyroConfig | None = None, late_s: float = 0.0) -> Ride:
@@ -83,6 +90,38 @@ def test_a_gyro_that_stays_at_its_limit_is_not_late() -> None:
         ),
         GyroConfig(saturation=1.0),
     )
+    assert codes(reports) == [("gyro_saturated", "active")]
+
+
+@pytest.mark.parametrize(("rate", "late_ms"), [(100, 25), (416, 6), (1000, 3)])
+def test_a_gyro_at_its_limit_is_not_used_though_states_come_after_many_of_its_samples(
+    rate: int, late_ms: int
+) -> None:
+    limit = 1.0
+    config = GyroConfig(rate=rate, saturation=limit)
+    odometer = Odometer(differential_drive(), {GYRO: config})
+    robot = Robot(differential_drive(), exact(2), np.random.default_rng(3))
+    twists = np.concatenate([np.zeros((100, 3)), np.tile((0.2, 0.0, 1.5), (200, 1))])
+    moments = list(robot.drive(twists))
+    noise = np.random.default_rng(4).normal(0.0, 1e-4, 3 * rate)
+    come: list[tuple[int, BusState | ImuSample]] = [
+        (moment.state.stamp + late_ms * 1_000_000, moment.state) for moment in moments
+    ]
+    for number, off in enumerate(noise.tolist()):
+        stamp = START_NS + round(number / rate * 1e9)
+        shown = limit if number / rate > 1.0 else 0.0
+        come.append((stamp, ImuSample(stamp=stamp, angular_velocity=(0.0, 0.0, shown + off))))
+    told: list[Message] = []
+    for _, message in sorted(come, key=itemgetter(0)):
+        if isinstance(message, BusState):
+            told += odometer.bus_state(BUS, message)
+        else:
+            told += odometer.imu(GYRO, message)
+    steps = [each for each in told if isinstance(each, Odometry)]
+    turning = [each for each in steps if each.stamp > START_NS + 1_100_000_000]
+    assert len(turning) > 150
+    assert all(each.omega == pytest.approx(1.5, abs=0.05) for each in turning)
+    reports = [each for each in told if isinstance(each, FaultReport)]
     assert codes(reports) == [("gyro_saturated", "active")]
 
 
