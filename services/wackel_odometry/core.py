@@ -22,8 +22,9 @@ from wackel_odometry.gyro_watch import GyroWatch
 from wackel_odometry.reports import Complaint, Reports
 from wackel_odometry.rows import Measurements, Rows, blocked, counted_once
 from wackel_odometry.standstill import REST_SIGMA, Standstill
+from wackel_odometry.witness import Witness
 from wackel_schemas import component
-from wackel_schemas.bus import BusState
+from wackel_schemas.bus import BusState, BusStatistics
 from wackel_schemas.drive import (
     Exclusion,
     Exclusions,
@@ -92,6 +93,9 @@ class Odometer:
         self._roll_rows = self._rows.roll_of[roll_wheels]
         self._reports = Reports()
         self._inputs = InputWatch()
+        buses = {bus for wheel in config.wheels for bus, _ in wheel.servos()}
+        self._witnesses = {path: Witness() for path in map(component.bus, buses)}
+        self._witnesses |= {component.gyro(name): Witness() for name in gyros}
         self._excluded: list[Exclusion] = []
         self._block(())
         self._slipping = False
@@ -101,7 +105,6 @@ class Odometer:
         self._examined: int | None = None
         self._silent = False  # the wheels are, and it has been told
         self._told = 0
-        self._gyro_rate = [math.nan] * len(settings)  # in the latest step
         self._lost = ""
 
     def bus_state(self, bus: str, state: BusState) -> list[Message]:
@@ -122,14 +125,23 @@ class Odometer:
         Returns:
             As :meth:`bus_state`; while the wheels are silent, that the pose is not known.
         """
-        if name not in self._gyros:
+        watch, stamp = self._gyros.get(name), sample.stamp
+        if watch is None:
             return []
-        rate = self._alignment.gyro(name, sample)
-        self._gyros[name].sample(sample.stamp, sample.angular_velocity, rate)
-        messages = [*self._steps(), *self._refusals(sample.stamp)]
-        if messages or not (rate is not None or self._silent):
-            return messages
-        return self._silence(sample.stamp)
+        watch.sample(stamp, sample.angular_velocity, self._alignment.gyro(name, sample))
+        messages = [*self._steps(), *self._refusals(stamp)]
+        if watch.in_step:  # else its clock may be any
+            messages += self._silence(component.gyro(name), stamp)
+        return messages
+
+    def bus_statistics(self, bus: str, statistics: BusStatistics) -> list[Message]:
+        """Takes the time from a bus, whose gateway tells it even while no servo says anything.
+
+        Returns:
+            While the wheels are silent, that the pose is not known.
+        """
+        path = component.bus(bus)
+        return self._silence(path, statistics.stamp) if path in self._witnesses else []
 
     def exclusions(self, message: Exclusions) -> None:
         """Obeys from the next step on; a component that is not there is ignored.
@@ -154,8 +166,17 @@ class Odometer:
         """The faults that are active, in the order in which they began."""
         return self._reports.active()
 
-    def request(self, request: OdometryRequest, stamp: int) -> OdometryReply:
-        """Answers a request; ``stamp`` is that of the answer."""
+    def request(
+        self, request: OdometryRequest, stamp: int, now: int | None = None
+    ) -> OdometryReply:
+        """Answers a request.
+
+        Args:
+            request: What is asked.
+            stamp: Of the answer.
+            now: The same in the time of the messages, which in a playback is another.
+        """
+        now = stamp if now is None else now
         if request.operation == "reset":
             self._filter.set_pose(np.zeros(3), 0.0, 0.0)
             self._lost = ""
@@ -171,7 +192,7 @@ class Odometer:
                     stamp=stamp,
                     ok=False,
                     text=f"pose and sigmas must be numbers up to {FARTHEST:g}, sigmas from 0 up",
-                    odometry=self._latest,
+                    odometry=self._as_of(now),
                 )
             self._filter.set_pose(np.array(pose), request.position_sigma, request.heading_sigma)
             self._lost = ""
@@ -180,7 +201,7 @@ class Odometer:
             text = "the latest" if self._latest is not None else "no step has been made yet"
         if self._latest is not None and request.operation != "get":
             self._latest = self._placed(self._latest)
-        return OdometryReply(stamp=stamp, ok=True, text=text, odometry=self._latest)
+        return OdometryReply(stamp=stamp, ok=True, text=text, odometry=self._as_of(now))
 
     def _steps(self) -> list[Message]:
         messages: list[Message] = []
@@ -192,6 +213,7 @@ class Odometer:
     def _step(self, step: Step) -> Odometry:
         rates = zip(self._gyros.values(), step.gyro_rate, strict=True)
         step = replace(step, gyro_rate=[watch.usable(step, rate) for watch, rate in rates])
+        self._silent = False
         estimator = self._filter
         estimator.seconds = step.seconds
         estimator.predict()
@@ -277,8 +299,6 @@ class Odometer:
                     others = shown[row] - bias - float(verdict.innovation[at])
                     others = others if known else math.nan
                 watch.step(step, others, shown[row], bias)
-        self._gyro_rate = step.gyro_rate
-        self._silent = False
 
     def _odometry(
         self, step: Step, rows: Measurements, usable: Bools, verdict: Verdict, standing: bool
@@ -395,21 +415,35 @@ class Odometer:
             for report in self._reports.begin(path, complaints, now)
         ]
 
-    def _silence(self, now: int) -> list[Message]:
-        """Says now and then, on the gyros' time, that the wheels say nothing."""
-        done, latest = self._alignment.done, self._latest
-        if done is None or latest is None or not any(map(math.isfinite, self._gyro_rate)):
+    def _silence(self, witness: str, now: int) -> list[Message]:
+        """Says now and then, on the time of one who goes on, that the wheels say nothing."""
+        waited = self._witnesses[witness].waited(now, self._alignment.done)
+        if waited < SILENT_NS or not self._overdue(now):
             return []
-        if now - done < SILENT_NS or (self._silent and 0 <= now - self._told < TELL_NS):
+        if self._silent and 0 <= now - self._told < TELL_NS:
             return []
         self._silent, self._told = True, now
+        self._latest = self._as_of(now)
+        # A report stays as it began, so it does not tell for how long.
+        complaint = _pose_unknown("the wheels say nothing")
+        reports = self._reports.begin(component.ODOMETRY, [complaint], now)
+        return [*([] if self._latest is None else [self._latest]), *reports]
+
+    def _overdue(self, now: int) -> bool:
+        """Whether there should have been a step by now."""
+        done = self._alignment.done
+        return done is None or now - done >= SILENT_NS
+
+    def _as_of(self, now: int) -> Odometry | None:
+        """The latest, as old as it is by now."""
+        latest, done = self._latest, self._alignment.done
+        if latest is None or done is None or now <= done:
+            return latest
         age_s = (now - done) / 1e9
+        if not self._overdue(now):
+            return replace(latest, age_s=age_s)
         reason = f"the wheels have said nothing for {age_s:.1f} s"
-        self._latest = replace(latest, valid=False, reason=reason, age_s=age_s)
-        return [
-            self._latest,
-            *self._reports.begin(component.ODOMETRY, [_pose_unknown(reason)], now),
-        ]
+        return replace(latest, valid=False, reason=reason, age_s=age_s)
 
     def _unseen(self, before: int, after: int) -> None:
         """Time was started anew: the robot may have moved meanwhile."""

@@ -26,9 +26,13 @@ class GyroWatch:
 
     Args:
         config: Of the gyro.
+
+    Attributes:
+        in_step: Whether its samples have ever covered a step.
     """
 
     def __init__(self, config: GyroConfig) -> None:
+        self.in_step = False
         self._config = config
         self._value = StuckValue()
         self._saturated: tuple[int, int] | None = None  # first and last of the present run
@@ -73,7 +77,7 @@ class GyroWatch:
             What can be used of it: not a number while the value is stuck or at its limit.
         """
         if math.isfinite(rate):
-            self._uncovered_ns = 0
+            self.in_step, self._uncovered_ns = True, 0
         else:
             if not self._uncovered_ns:
                 self._useless = 0  # while there were no steps, none could be of use

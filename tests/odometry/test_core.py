@@ -9,6 +9,7 @@ from msgspec.structs import replace
 from tests.odometry.simulation import (
     BUS,
     GYRO,
+    START_NS,
     Errors,
     Moment,
     Robot,
@@ -22,9 +23,16 @@ from wackel_kinematics.array import Floats
 from wackel_node.config_drive import DriveConfig, GyroConfig
 from wackel_odometry.core import RELEARN_S, Odometer
 from wackel_schemas import component, wire
+from wackel_schemas.bus import BusStatistics
 from wackel_schemas.drive import Exclusion, Exclusions, ImuSample, Odometry, OdometryRequest
 from wackel_schemas.fault import FaultReport
 from wackel_schemas.message import Message
+
+SECOND = 1_000_000_000
+
+
+def statistics(stamp: int) -> BusStatistics:
+    return BusStatistics(stamp=stamp, mode="poll", port="p", connected=False, baud_rate=1_000_000)
 
 
 class Ride:
@@ -78,6 +86,15 @@ class Ride:
         x, y, theta = self.truth[self.now.stamp]
         turn = math.remainder(self.now.theta - theta, math.tau)
         return math.hypot(self.now.x - x, self.now.y - y), abs(turn)
+
+    @property
+    def robot_ns(self) -> int:
+        """The robot's time."""
+        return max(self.truth, default=START_NS)
+
+    def beat(self, stamp: int) -> None:
+        """The gateway tells the statistics of the bus."""
+        self.take(self.odometer.bus_statistics(BUS, statistics(stamp)))
 
     def codes(self) -> list[tuple[str, str]]:
         return [(report.code, report.status) for report in self.reports]
@@ -289,9 +306,117 @@ def test_while_the_wheels_are_silent_the_gyro_tells_that_nothing_is_known() -> N
     assert ride.now.reason.startswith("the wheels have said nothing for 0.")
     assert ride.now.age_s > 0.6
     assert ride.codes() == [("pose_unknown", "active")]
+    assert ride.reports[0].message == (
+        "Odometry cannot tell where the robot is: the wheels say nothing."
+    )
     ride.drive(1.0, 0.4, 0.0, 0.0)
     assert ride.now.valid
     assert ride.codes()[-1] == ("pose_unknown", "healed")
+
+
+def test_where_no_gyro_goes_on_the_time_of_the_bus_tells_that_nothing_is_known() -> None:
+    ride = Ride()
+    for _ in range(3):
+        ride.drive(1.0, 0.4, 0.0, 0.0)
+        ride.beat(ride.robot_ns)
+    assert ride.now.valid
+    ride.drive(0.2, 0.4, 0.0, 0.0)
+    told = len(ride.told)
+    ride.beat(ride.robot_ns + 800_000_000)
+    assert len(ride.told) == told + 1
+    assert not ride.now.valid
+    assert ride.now.reason == "the wheels have said nothing for 0.8 s"
+    assert ride.codes() == [("pose_unknown", "active")]
+    ride.drive(1.0, 0.4, 0.0, 0.0)
+    assert ride.now.valid
+    assert ride.codes()[-1] == ("pose_unknown", "healed")
+
+
+def test_a_bus_that_is_silent_from_the_start_is_told() -> None:
+    ride = Ride()
+    for second in range(3):
+        ride.beat(ride.robot_ns + second * SECOND)
+    assert (ride.codes(), ride.told) == ([("pose_unknown", "active")], [])
+    ride.moments(3.0, 0.0, 0.0, 0.0)
+    ride.drive(1.0, 0.4, 0.0, 0.0)
+    assert ride.codes()[-1] == ("pose_unknown", "healed")
+    assert ride.now.valid
+
+
+def test_a_bus_that_moves_no_wheel_tells_nothing() -> None:
+    ride = Ride()
+    for second in range(3):
+        ride.take(ride.odometer.bus_statistics("arm", statistics(second * SECOND)))
+    assert ride.reports == []
+
+
+def test_a_gyro_that_is_back_after_a_second_tells_that_the_wheels_are_not() -> None:
+    ride = Ride()
+    ride.drive(1.0, 0.4, 0.0, 0.0)
+    ride.moments(1.5, 0.4, 0.0, 0.0)
+    for moment in ride.moments(1.0, 0.4, 0.0, 0.0):
+        ride.take(ride.odometer.imu(GYRO, moment.sample))
+    assert not ride.now.valid
+    assert ride.now.age_s > 2.0
+    assert ride.codes() == [("pose_unknown", "active")]
+
+
+@pytest.mark.parametrize("shown", [0.01, 100.0])
+def test_a_gyro_of_no_use_still_tells_that_the_wheels_are_silent(shown: float) -> None:
+    """One that is frozen or at its limit."""
+    ride = Ride()
+    for rate in (0.0, 1.0, -1.0, 1.0):
+        for moment in ride.moments(1.0, 0.2, 0.0, rate):
+            moment.sample.angular_velocity = (0.0, 0.0, shown)
+            ride.feed(moment)
+    for moment in ride.moments(1.0, 0.2, 0.0, 0.0):
+        moment.sample.angular_velocity = (0.0, 0.0, shown)
+        ride.take(ride.odometer.imu(GYRO, moment.sample))
+    assert ride.codes()[-1] == ("pose_unknown", "active")
+    assert not ride.now.valid
+
+
+def test_a_gyro_whose_clock_was_always_wrong_does_not_tell_how_long_the_wheels_are_silent() -> None:
+    ride = Ride(late_s=3600.0)
+    ride.drive(1.0, 0.4, 0.0, 0.0)
+    for moment in ride.moments(1.0, 0.4, 0.0, 0.0):
+        ride.take(ride.odometer.imu(GYRO, moment.sample))
+    assert {report.component for report in ride.reports} == {"gyro/body"}
+
+
+def test_clocks_that_are_set_do_not_make_wheels_silent() -> None:
+    """Each process takes over a clock that was set when it looks, within half a second."""
+    ride = Ride()
+    ride.drive(0.5, 0.4, 0.0, 0.0)
+    ride.beat(ride.robot_ns)
+    for moment in ride.moments(2.5, 0.4, 0.0, 0.0):
+        ride.take(ride.odometer.bus_state(BUS, moment.state))
+        moment.sample.stamp += 3600 * SECOND
+        for later_ms in range(10):
+            sample = replace(moment.sample, stamp=moment.sample.stamp + later_ms * 1_000_000)
+            ride.take(ride.odometer.imu(GYRO, sample))
+    ride.beat(ride.robot_ns + 3600 * SECOND)
+    assert ride.now.valid
+    assert {report.component for report in ride.reports} == {"gyro/body"}
+
+
+def test_who_asks_after_a_minute_of_silence_is_told_so() -> None:
+    ride = Ride()
+    ride.drive(1.0, 0.4, 0.0, 0.0)
+    minute_later = ride.now.stamp + 60 * SECOND
+
+    reply = ride.odometer.request(OdometryRequest(), minute_later)
+    assert reply.odometry is not None
+    assert not reply.odometry.valid
+    assert reply.odometry.reason == "the wheels have said nothing for 60.0 s"
+    assert reply.odometry.age_s == 60.0
+
+    # In a playback that is as fast as the robot was.
+    reply = ride.odometer.request(OdometryRequest(), minute_later, ride.now.stamp + 50_000_000)
+    assert reply.stamp == minute_later
+    assert reply.odometry is not None
+    assert reply.odometry.valid
+    assert reply.odometry.age_s == 0.05
 
 
 def test_after_a_long_gap_the_pose_is_as_uncertain_as_the_robot_was_free_to_move() -> None:

@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from tests.conftest import Rendezvous, wait_until
 from tests.odometry.simulation import BUS, GYRO, START_NS, Robot, differential_drive, exact
+from tests.odometry.test_core import SECOND, statistics
 from wackel_node.config import BusConfig, RobotConfig, ServoConfig, dump
 from wackel_node.config_drive import GyroConfig
 from wackel_node.errors import USAGE
@@ -69,6 +70,7 @@ class Watcher:
         self.robot = Robot(differential_drive(), exact(2), np.random.default_rng(1))
         self._states = link.publisher(keys.STATE, bus=BUS)
         self._samples = link.publisher(keys.IMU, name=GYRO)
+        self.statistics = link.publisher(keys.STATISTICS, bus=BUS)
         self.exclusions = link.publisher(keys.EXCLUSIONS)
 
     def _beat(self, _: str, beat: Heartbeat) -> None:
@@ -128,7 +130,9 @@ def test_wheels_and_gyro_go_in_and_a_pose_comes_out(service: Watcher) -> None:
 
 def test_a_pose_that_was_set_is_an_input_of_recordings(service: Watcher) -> None:
     service.drive(20, 0.4, 0.0, 0.0)
-    service.link.ask(keys.ODOMETRY_REQUEST, OdometryRequest(operation="get"))
+    latest = service.link.ask(keys.ODOMETRY_REQUEST, OdometryRequest(operation="get")).odometry
+    assert latest is not None
+    assert latest.age_s < 3600.0  # though the messages' stamps are of another year
     refused = OdometryRequest(operation="set_pose", position_sigma=-1.0)
     assert not service.link.ask(keys.ODOMETRY_REQUEST, refused).ok
     asked = OdometryRequest(operation="set_pose", x=3.0, y=-1.0, theta=0.5)
@@ -140,6 +144,15 @@ def test_a_pose_that_was_set_is_an_input_of_recordings(service: Watcher) -> None
     # It stands between those of the states that came before and after.
     at = service.inputs.index(keys.POSE_SET.key())
     assert 20 <= service.inputs[:at].count(keys.STATE.key(bus=BUS)) < 40
+
+
+def test_a_bus_that_goes_on_alone_tells_that_the_pose_is_not_known(service: Watcher) -> None:
+    service.drive(20, 0.4, 0.0, 0.0)
+    for second in (1, 2):
+        service.statistics.put(statistics(START_NS + second * SECOND))
+    service.wait(lambda: bool(service.reports) and not service.told[-1].valid)
+    assert service.reports[0].code == "pose_unknown"
+    service.wait(lambda: service.inputs.count(keys.STATISTICS.key(bus=BUS)) == 2)
 
 
 def test_the_diagnoser_is_obeyed_and_faults_are_told_again(service: Watcher) -> None:

@@ -7,10 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.odometry.simulation import BUS, GYRO, START_NS, Robot, exact, steered_drive
+from tests.odometry.test_core import statistics
 from wackel_node.config_drive import GyroConfig
 from wackel_odometry.core import Odometer
 from wackel_schemas import wire
-from wackel_schemas.bus import BusState, ServoState
+from wackel_schemas.bus import BusState, BusStatistics, ServoState
 from wackel_schemas.drive import Exclusion, Exclusions, ImuSample, Odometry, OdometryRequest
 from wackel_schemas.message import Message
 
@@ -33,6 +34,7 @@ SERVO = st.builds(
 )
 STATE = st.builds(BusState, stamp=STAMP, servos=st.lists(SERVO, max_size=6))
 IMU = st.builds(ImuSample, stamp=STAMP, angular_velocity=st.tuples(NUMBER, NUMBER, NUMBER))
+STATISTICS = st.builds(statistics, STAMP)
 EXCLUDED = st.builds(
     Exclusion,
     component=st.sampled_from(
@@ -51,7 +53,7 @@ REQUEST = st.builds(
     position_sigma=NUMBER,
     heading_sigma=NUMBER,
 )
-ANYTHING = st.lists(STATE | IMU | EXCLUSIONS | REQUEST, max_size=60)
+ANYTHING = st.lists(STATE | IMU | STATISTICS | EXCLUSIONS | REQUEST, max_size=60)
 
 
 def numbers_of(odometry: Odometry) -> list[float]:
@@ -80,6 +82,8 @@ def feed(odometer: Odometer, messages: list[Message | OdometryRequest]) -> list[
                 told += odometer.bus_state(BUS, message)
             case ImuSample():
                 told += odometer.imu(GYRO, message)
+            case BusStatistics():
+                told += odometer.bus_statistics(BUS, message)
             case Exclusions():
                 odometer.exclusions(message)
             case OdometryRequest():
