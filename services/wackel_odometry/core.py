@@ -128,7 +128,10 @@ class Odometer:
         watch, stamp = self._gyros.get(name), sample.stamp
         if watch is None:
             return []
-        watch.sample(stamp, sample.angular_velocity, self._alignment.gyro(name, sample))
+        rate = self._alignment.gyro(name, sample)
+        refused = self._alignment.refused  # this sample, if anything
+        sound = not refused or refused[0][1] == "late"
+        watch.sample(stamp, sample.angular_velocity, rate, sound)
         messages = [*self._steps(), *self._refusals(stamp)]
         if watch.in_step:  # else its clock may be any
             messages += self._silence(component.gyro(name), stamp)

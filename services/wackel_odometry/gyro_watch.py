@@ -38,7 +38,8 @@ class GyroWatch:
         self._saturated: tuple[int, int] | None = None  # first and last of the present run
         self._stamp: int | None = None
         self._uncovered_ns = 0  # of the steps since the last one that its samples cover
-        self._useless = 0  # samples since then
+        self._heard_ns = 0  # how much that was when a sample last came
+        self._came = self._useless = 0  # samples since then; those with nothing wrong but the stamp
         self._window: tuple[int, int] | None = None  # since, samples
         self._rate: float | None = None
         self._offset = TimeOffset()
@@ -48,15 +49,30 @@ class GyroWatch:
         """Whether its value is stuck."""
         return self._value.stuck
 
-    def sample(self, stamp: int, values: tuple[float, float, float], rate: float | None) -> None:
-        """A sample as it came; ``rate`` about the robot's z axis where it was taken."""
+    def sample(
+        self,
+        stamp: int,
+        values: tuple[float, float, float],
+        rate: float | None,
+        sound: bool,
+    ) -> None:
+        """A sample as it came.
+
+        Args:
+            stamp: Its own.
+            values: About the sensor's axes, rad/s.
+            rate: About the robot's z axis; ``None`` if it was not taken.
+            sound: Whether at most its stamp was against that.
+        """
         self._value.sample(stamp, values)
         if rate is not None and abs(rate) >= NEAR_SATURATION * self._config.saturation:
             first, last = self._saturated or (stamp, stamp)
             # Steps are made of samples that are long there: the latest alone is of none of them.
             self._saturated = first if 0 <= stamp - last <= SATURATED_NS else stamp, stamp
         self._stamp = stamp
-        self._useless += 1
+        self._came += 1
+        self._useless += sound
+        self._heard_ns = self._uncovered_ns
         since, count = self._window or (stamp, 0)
         if not 0 <= stamp - since <= 2 * RATE_NS:
             self._window = stamp, 0
@@ -80,7 +96,8 @@ class GyroWatch:
             self.in_step, self._uncovered_ns = True, 0
         else:
             if not self._uncovered_ns:
-                self._useless = 0  # while there were no steps, none could be of use
+                # While there were no steps, none could be of use.
+                self._came = self._useless = self._heard_ns = 0
             self._uncovered_ns += step.end - step.begin
         period = 1e9 / self._config.rate
         saturated = self._saturated is not None and (
@@ -116,18 +133,10 @@ class GyroWatch:
                 )
             )
         if self._uncovered_ns > SILENT_NS:
-            found.append(self._out_of_step(now))
+            found += self._out_of_step(now)
         elif self._rate is not None:
             if not 1 / RATE_FACTOR <= self._rate / config.rate <= RATE_FACTOR:
-                rate, nominal = f"{self._rate:.0f}", f"{config.rate:.0f}"
-                found.append(
-                    Complaint(
-                        "gyro_rate",
-                        f"{rate} samples a second, {nominal} expected",
-                        {"rate_Hz": round(self._rate, 1), "nominal_Hz": config.rate},
-                        {"rate": rate, "nominal": nominal},
-                    )
-                )
+                found.append(_wrong_rate(self._rate, config.rate))
             offset = self._offset.estimate()
             if offset is not None and abs(offset.seconds) > max(
                 OFFSET_S, OFFSET_SIGMAS * offset.sigma
@@ -145,13 +154,32 @@ class GyroWatch:
             )
         return found
 
-    def _out_of_step(self, now: int) -> Complaint:
-        """No sample covers the steps: there are none, or their stamps are of another time."""
+    def _out_of_step(self, now: int) -> list[Complaint]:
+        """No sample covers the steps: there are none or few, or their stamps are of another time.
+
+        What is wrong with them else is told of the input.
+        """
+        silent_ns = self._uncovered_ns - self._heard_ns
+        if not self._came or silent_ns > RATE_NS:
+            text = f"no sample for {silent_ns / 1e9:.1f} s of the wheels' time"
+            return [Complaint("gyro_silent", text)]
+        rate = self._came * 1e9 / max(self._heard_ns, 1)  # whatever their stamps are
+        if rate < self._config.rate / RATE_FACTOR:
+            known = self._uncovered_ns > RATE_NS
+            return [_wrong_rate(rate, self._config.rate)] if known else []
         if self._stamp is not None and self._useless >= SAMPLES:
-            return _offset((self._stamp - now) / 1e9, 0.0)
-        return Complaint(
-            "gyro_silent", f"no sample for {self._uncovered_ns / 1e9:.1f} s of the wheels' time"
-        )
+            return [_offset((self._stamp - now) / 1e9, 0.0)]
+        return []
+
+
+def _wrong_rate(rate: float, nominal: float) -> Complaint:
+    told, expected = f"{rate:.0f}", f"{nominal:.0f}"
+    return Complaint(
+        "gyro_rate",
+        f"{told} samples a second, {expected} expected",
+        {"rate_Hz": round(rate, 1), "nominal_Hz": nominal},
+        {"rate": told, "nominal": expected},
+    )
 
 
 def _offset(seconds: float, sigma: float) -> Complaint:

@@ -3,9 +3,11 @@
 import math
 from collections.abc import Callable
 from operator import itemgetter
+from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from tests.odometry.simulation import (
     BUS,
@@ -21,6 +23,7 @@ from tests.odometry.simulation import (
 from tests.odometry.test_core import Ride, replace_errors
 from wackel_node.config_drive import GyroConfig
 from wackel_odometry.core import RELEARN_S, Odometer
+from wackel_schemas import wire
 from wackel_schemas.bus import BusState
 from wackel_schemas.drive import ImuSample, Odometry
 from wackel_schemas.fault import FaultReport
@@ -146,6 +149,33 @@ def test_a_gyro_that_goes_on_while_the_wheels_are_silent_is_not_blamed() -> None
 def test_a_gyro_at_another_rate_is_told_with_both_rates() -> None:
     (report,) = spoiled(lambda sample: sample, GyroConfig(rate=400.0))
     assert report.message == "The gyro body sends 100 samples a second instead of 400."
+
+
+def test_a_gyro_far_too_slow_is_told_by_its_rate() -> None:
+    """Its samples are too far apart to cover a step."""
+    ride = quiet_ride()
+    ride.drive(2.0, 0.0, 0.0, 0.0)
+    for number, moment in enumerate(ride.moments(20.0, 0.2, 0.0, 0.5)):
+        ride.take(ride.odometer.bus_state(BUS, moment.state))
+        if number % 33 == 0:
+            ride.take(ride.odometer.imu(GYRO, moment.sample))
+    (report,) = ride.reports
+    assert report.message == "The gyro body sends 3 samples a second instead of 100."
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"angular_velocity": (0.0, 0.0, math.nan)}, {"late_s": 0.003}], ids=str
+)
+def test_samples_that_are_refused_for_what_they_are_are_not_called_late(
+    wrong: dict[str, Any],
+) -> None:
+    ride = quiet_ride()
+    ride.drive(2.0, 0.0, 0.0, 0.0)
+    for moment in ride.moments(4.0, 0.2, 0.0, 0.5):
+        ride.take(ride.odometer.bus_state(BUS, moment.state))
+        sent = wire.encode(replace(moment.sample, **wrong))
+        ride.take(ride.odometer.imu(GYRO, wire.decode(sent, ImuSample)))
+    assert ride.codes() == [("bad_input", "active")]
 
 
 def test_a_bias_beyond_the_data_sheet_is_told() -> None:
