@@ -229,7 +229,7 @@ class Odometer:
         standing = verdict is not None
         if verdict is None:
             verdict = self._move(rows, usable, step.seconds)
-        self._watch_gyros(rows, usable, verdict, step)
+        self._watch_gyros(rows, usable, verdict, step, standing)
         if not estimator.sound():
             estimator.restart()
             self._lost = "the arithmetic has failed; the pose starts anew"
@@ -289,14 +289,18 @@ class Odometer:
         off = [each if used else 0.0 for each, used in zip(shown, heard, strict=True)]
         return off, np.sqrt(variances + rows.white[first:]).tolist()
 
-    def _watch_gyros(self, rows: Measurements, usable: Bools, verdict: Verdict, step: Step) -> None:
+    def _watch_gyros(
+        self, rows: Measurements, usable: Bools, verdict: Verdict, step: Step, standing: bool
+    ) -> None:
         """Holds each gyro against the yaw rate that the rest says, which its innovation leaves."""
         if self._gyros:
             judged = usable.nonzero()[0].tolist()
             shown, x = rows.z.tolist(), self._filter.x.tolist()
             for i, watch in enumerate(self._gyros.values()):
                 row, bias, others = self._rows.wheels + i, x[FIRST_BIAS + i], x[OMEGA]
-                if row in judged:
+                if standing:
+                    others = 0.0  # else a bias that is learned looks like a turn
+                elif row in judged:
                     at = judged.index(row)
                     known = verdict.sigma[at] ** 2 < BLIND_VARIANCE[2]
                     others = shown[row] - bias - float(verdict.innovation[at])

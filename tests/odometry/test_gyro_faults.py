@@ -79,6 +79,17 @@ def test_a_value_that_stays_the_same_while_the_robot_rests_is_not() -> None:
     assert reports == []
 
 
+@pytest.mark.parametrize("bias", [0.12, 0.15])
+def test_a_quiet_gyro_whose_bias_is_learned_is_not_frozen(bias: float) -> None:
+    """Steps so coarse that noise never reaches the next."""
+    ride = quiet_ride(GyroConfig(bias_limit=0.2))
+    for moment in ride.moments(5.0, 0.0, 0.0, 0.0):
+        moment.sample.angular_velocity = (0.0, 0.0, bias)
+        ride.feed(moment)
+    assert ride.now.standing
+    assert ride.reports == []
+
+
 def test_a_gyro_at_its_limit_is_saturated() -> None:
     reports = spoiled(lambda sample: sample, GyroConfig(saturation=1.1))
     assert codes(reports)[0] == ("gyro_saturated", "active")
