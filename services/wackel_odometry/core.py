@@ -105,6 +105,7 @@ class Odometer:
         self._examined: int | None = None
         self._silent = False  # the wheels are, and it has been told
         self._told = 0
+        self._backlog = False  # samples of gyros wait for wheels, of a fast one more than are kept
         self._lost = ""
 
     def bus_state(self, bus: str, state: BusState) -> list[Message]:
@@ -130,7 +131,11 @@ class Odometer:
             return []
         rate = self._alignment.gyro(name, sample)
         refused = self._alignment.refused  # this sample, if anything
-        sound = not refused or refused[0][1] == "late"
+        why = refused[0][1] if refused else None
+        sound = why is None or why == "late"
+        self._backlog = self._backlog or self._overdue(stamp)
+        if why == "flood" and self._backlog:
+            refused.clear()
         watch.sample(stamp, sample.angular_velocity, rate, sound)
         messages = [*self._steps(), *self._refusals(stamp)]
         if watch.in_step:  # else its clock may be any
@@ -216,7 +221,7 @@ class Odometer:
     def _step(self, step: Step) -> Odometry:
         rates = zip(self._gyros.values(), step.gyro_rate, strict=True)
         step = replace(step, gyro_rate=[watch.usable(step, rate) for watch, rate in rates])
-        self._silent = False
+        self._silent = self._backlog = False
         estimator = self._filter
         estimator.seconds = step.seconds
         estimator.predict()

@@ -94,7 +94,7 @@ class GyroWatch:
         """
         if math.isfinite(rate):
             self.in_step, self._uncovered_ns = True, 0
-        else:
+        elif step.end - step.begin <= SILENT_NS:  # else the wheels themselves were silent
             if not self._uncovered_ns:
                 # While there were no steps, none could be of use.
                 self._came = self._useless = self._heard_ns = 0

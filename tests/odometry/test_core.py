@@ -429,6 +429,34 @@ def test_after_a_long_gap_the_pose_is_as_uncertain_as_the_robot_was_free_to_move
     assert ride.now.valid
 
 
+@pytest.mark.parametrize("silent_s", [(0.0, 1.5), (1.0, 1.9)], ids=["at first", "later"])
+def test_a_fast_gyro_is_not_blamed_for_samples_that_wait_for_silent_wheels(
+    silent_s: tuple[float, float],
+) -> None:
+    """In 0.9 s one of 1660 Hz takes more than are kept for a step."""
+    ride = Ride(gyro=GyroConfig(rate=1660.0))
+    begin, end = silent_s
+    for number, moment in enumerate(ride.moments(3.0, 0.2, 0.0, 0.0)):
+        if not begin <= number / 100 < end:
+            ride.take(ride.odometer.bus_state(BUS, moment.state))
+        for part in range(16 + number % 2):
+            stamp = moment.sample.stamp + part * 600_000
+            ride.take(ride.odometer.imu(GYRO, replace(moment.sample, stamp=stamp)))
+    assert ride.now.valid
+    assert {report.component for report in ride.reports} <= {"odometry"}
+
+
+def test_a_flood_of_samples_is_told() -> None:
+    ride = Ride()
+    ride.drive(0.5, 0.2, 0.0, 0.0)
+    sample = ride.moments(0.01, 0.2, 0.0, 0.0)[0].sample
+    for number in range(2000):
+        stamp = sample.stamp + number * 1000
+        ride.take(ride.odometer.imu(GYRO, replace(sample, stamp=stamp)))
+    assert ride.codes() == [("bad_input", "active")]
+    assert "more samples than it can have taken" in ride.reports[0].message
+
+
 def test_a_servo_that_does_not_answer_is_missing_and_the_rest_goes_on() -> None:
     ride = Ride()
     ride.drive(1.0, 0.4, 0.0, 0.3)
