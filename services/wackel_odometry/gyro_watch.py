@@ -6,7 +6,7 @@ from wackel_drive.alignment import Step
 from wackel_drive.stuck import SAMPLES, StuckValue
 from wackel_node.config_drive import RATE_FACTOR, GyroConfig
 from wackel_odometry.reports import Complaint
-from wackel_odometry.time_offset import TimeOffset
+from wackel_odometry.time_offset import Offset, TimeOffset
 
 NEAR_SATURATION = 0.98
 """Share of the greatest rate beyond which a sensor is no longer linear."""
@@ -43,6 +43,7 @@ class GyroWatch:
         self._window: tuple[int, int] | None = None  # since, samples
         self._rate: float | None = None
         self._offset = TimeOffset()
+        self._late: Offset | None = None  # its offset, if that is told
 
     @property
     def frozen(self) -> bool:
@@ -137,11 +138,11 @@ class GyroWatch:
         elif self._rate is not None:
             if not 1 / RATE_FACTOR <= self._rate / config.rate <= RATE_FACTOR:
                 found.append(_wrong_rate(self._rate, config.rate))
-            offset = self._offset.estimate()
-            if offset is not None and abs(offset.seconds) > max(
-                OFFSET_S, OFFSET_SIGMAS * offset.sigma
-            ):
-                found.append(_offset(offset.seconds, offset.sigma))
+            if (offset := self._offset.estimate()) is not None:  # a robot at rest disproves none
+                beyond = abs(offset.seconds) > max(OFFSET_S, OFFSET_SIGMAS * offset.sigma)
+                self._late = offset if beyond else None
+            if self._late is not None:
+                found.append(_offset(*self._late))
         if abs(bias) - 3 * sigma > config.bias_limit:
             found.append(
                 Complaint(

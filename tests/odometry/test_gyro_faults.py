@@ -218,6 +218,21 @@ def test_stamps_that_are_off_are_found_from_how_the_robot_turns(late_s: float) -
     assert told == pytest.approx(late_s, abs=0.012)
 
 
+def test_stamps_that_are_off_are_told_until_the_robot_turns_and_they_are_not() -> None:
+    turns = (1.0, -1.0, 0.6, -0.8, 1.2, 0.2, 0.9, -0.5)
+    ride = quiet_ride(late_s=0.04)
+    ride.drive(2.0, 0.0, 0.0, 0.0)
+    for rate in turns:
+        ride.drive(0.5, 0.2, 0.0, rate)
+    ride.drive(200.0, 0.0, 0.0, 0.0)  # more than what was learned is remembered for
+    assert ride.codes() == [("gyro_time_offset", "active")]
+    for rate in 4 * turns:
+        for moment in ride.moments(0.5, 0.2, 0.0, rate):
+            moment.sample.stamp -= 40_000_000
+            ride.feed(moment)
+    assert ride.codes()[1:] == [("gyro_time_offset", "healed")]
+
+
 def test_stamps_of_another_clock_are_told_as_such() -> None:
     hour_ns = 3600 * 10**9
 
