@@ -94,8 +94,7 @@ class Odometer:
         self._reports = Reports()
         self._inputs = InputWatch()
         buses = {bus for wheel in config.wheels for bus, _ in wheel.servos()}
-        self._witnesses = {path: Witness() for path in map(component.bus, buses)}
-        self._witnesses |= {component.gyro(name): Witness() for name in gyros}
+        self._buses = {bus: Witness() for bus in buses}
         self._excluded: list[Exclusion] = []
         self._block(())
         self._slipping = False
@@ -130,16 +129,18 @@ class Odometer:
         if watch is None:
             return []
         rate = self._alignment.gyro(name, sample)
-        refused = self._alignment.refused  # this sample, if anything
-        why = refused[0][1] if refused else None
-        sound = why is None or why == "late"
-        self._backlog = self._backlog or self._overdue(stamp)
-        if why == "flood" and self._backlog:
-            refused.clear()
+        sound = True
+        if refused := self._alignment.refused:
+            why = refused[-1][1]  # the only one: of this sample
+            sound = why == "late"
+            if why == "flood" and (self._backlog or self._overdue(stamp)):
+                self._backlog = True
+                refused.clear()
         watch.sample(stamp, sample.angular_velocity, rate, sound)
         messages = [*self._steps(), *self._refusals(stamp)]
-        if watch.in_step:  # else its clock may be any
-            messages += self._silence(component.gyro(name), stamp)
+        # One that was never in step may have any clock.
+        if watch.in_step and watch.witness.waited(stamp, self._alignment.done) >= SILENT_NS:
+            messages += self._silence(stamp)
         return messages
 
     def bus_statistics(self, bus: str, statistics: BusStatistics) -> list[Message]:
@@ -148,8 +149,10 @@ class Odometer:
         Returns:
             While the wheels are silent, that the pose is not known.
         """
-        path = component.bus(bus)
-        return self._silence(path, statistics.stamp) if path in self._witnesses else []
+        witness, stamp = self._buses.get(bus), statistics.stamp
+        if witness is None or witness.waited(stamp, self._alignment.done) < SILENT_NS:
+            return []
+        return self._silence(stamp)
 
     def exclusions(self, message: Exclusions) -> None:
         """Obeys from the next step on; a component that is not there is ignored.
@@ -427,12 +430,9 @@ class Odometer:
             for report in self._reports.begin(path, complaints, now)
         ]
 
-    def _silence(self, witness: str, now: int) -> list[Message]:
+    def _silence(self, now: int) -> list[Message]:
         """Says now and then, on the time of one who goes on, that the wheels say nothing."""
-        waited = self._witnesses[witness].waited(now, self._alignment.done)
-        if waited < SILENT_NS or not self._overdue(now):
-            return []
-        if self._silent and 0 <= now - self._told < TELL_NS:
+        if not self._overdue(now) or (self._silent and 0 <= now - self._told < TELL_NS):
             return []
         self._silent, self._told = True, now
         self._latest = self._as_of(now)

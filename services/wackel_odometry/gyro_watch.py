@@ -7,6 +7,7 @@ from wackel_drive.stuck import SAMPLES, StuckValue
 from wackel_node.config_drive import RATE_FACTOR, GyroConfig
 from wackel_odometry.reports import Complaint
 from wackel_odometry.time_offset import Offset, TimeOffset
+from wackel_odometry.witness import Witness
 
 NEAR_SATURATION = 0.98
 """Share of the greatest rate beyond which a sensor is no longer linear."""
@@ -29,10 +30,12 @@ class GyroWatch:
 
     Attributes:
         in_step: Whether its samples have ever covered a step.
+        witness: Of time in which no step is made.
     """
 
     def __init__(self, config: GyroConfig) -> None:
         self.in_step = False
+        self.witness = Witness()
         self._config = config
         self._value = StuckValue()
         self._saturated: tuple[int, int] | None = None  # first and last of the present run
