@@ -6,9 +6,17 @@ from wackel_cli.replayed import Replayed
 from wackel_diagnoser.core import Diagnoser
 from wackel_node.config_drive import DriveConfig, GyroConfig
 from wackel_odometry.core import Odometer
-from wackel_schemas.bus import BusState
+from wackel_schemas.bus import BusState, BusStatistics
 from wackel_schemas.drive import Exclusions, ImuSample, PoseSet, TwistCommand
-from wackel_schemas.keys import EXCLUSIONS, IMU, POSE_SET, STATE, TWIST_COMMAND, chunk_of
+from wackel_schemas.keys import (
+    EXCLUSIONS,
+    IMU,
+    POSE_SET,
+    STATE,
+    STATISTICS,
+    TWIST_COMMAND,
+    chunk_of,
+)
 from wackel_schemas.message import Message
 
 
@@ -24,6 +32,8 @@ class _ReplayedDrive(Replayed):
         match message:
             case BusState():
                 return core.bus_state(chunk_of(STATE, key, "bus"), message)
+            case BusStatistics() if isinstance(core, Odometer):
+                return core.bus_statistics(chunk_of(STATISTICS, key, "bus"), message)
             case ImuSample():
                 return core.imu(chunk_of(IMU, key, "name"), message)
             case Exclusions() if isinstance(core, Odometer):
@@ -38,7 +48,7 @@ class _ReplayedDrive(Replayed):
 class ReplayedOdometry(_ReplayedDrive):
     """``wackel odometry``."""
 
-    topics = (STATE, IMU, EXCLUSIONS, POSE_SET)  # type: ignore[assignment]
+    topics = (STATE, STATISTICS, IMU, EXCLUSIONS, POSE_SET)  # type: ignore[assignment]
 
     def __init__(self, drive: DriveConfig, gyros: Mapping[str, GyroConfig]) -> None:
         super().__init__(Odometer(drive, gyros))
