@@ -40,6 +40,20 @@ class PaperStep(Record, kw_only=True):
     components: list[str] = []
 
 
+class Redundancy(Record, kw_only=True):
+    """Step III: whether the candidates fall in two without a component (eq. 12).
+
+    Attributes:
+        component: Which would be faulty.
+        agree: All candidates that do not use it agree with each other, and there are several.
+        apart: All that do use it miss each of those.
+    """
+
+    component: str
+    agree: bool
+    apart: bool
+
+
 class RowState(Record, kw_only=True):
     """One measurement against what all together say.
 
@@ -78,6 +92,7 @@ class Residuals(Message, kw_only=True):
         commanded: The commanded twist [vx, vy, omega]; absent: none is known.
         candidates: In the paper's order.
         signature: Step II, a bit for each candidate that Step I leaves: ``000101``.
+        redundancy: Step III's conditions, of each component, once Step II sees something.
         steps: The paper's verdicts.
         rows: The measurements.
         hypotheses: The likeliest, first the best.
@@ -89,6 +104,7 @@ class Residuals(Message, kw_only=True):
     commanded: list[float] | None = None
     candidates: list[Candidate] = []
     signature: str = ""
+    redundancy: list[Redundancy] = []
     steps: list[PaperStep] = []
     rows: list[RowState] = []
     hypotheses: list[HypothesisState] = []

@@ -88,6 +88,7 @@ class Display:
             commanded=list(target.twist) if target.known else None,
             candidates=self._paper.candidates(judged),
             signature=self._paper.signature(judged),
+            redundancy=judged.redundancy,
             steps=self._paper.steps(judged),
             rows=[
                 RowState(name=name, residual=r, sigma=s, scale=k)

@@ -35,6 +35,7 @@ def _json(config: RobotConfig) -> list[str]:
         json.dumps(
             {
                 "component": fault,
+                "commanded": commanded,
                 "motions": {
                     motion: {
                         "seen_s": round(seen_s, 3) if math.isfinite(seen_s) else None,
@@ -44,31 +45,47 @@ def _json(config: RobotConfig) -> list[str]:
                 },
             }
         )
-        for fault, seen in _visibility(config).items()
+        for commanded in (True, False)
+        for fault, seen in _visibility(config, commanded=commanded).items()
     ]
 
 
 def _text(config: RobotConfig) -> list[str]:
+    lines = []
+    for commanded, condition in (
+        (True, "While command/twist says what the wheels should do:"),
+        (False, "Where nobody publishes that:"),
+    ):
+        lines.append(condition)
+        for fault, seen in _visibility(config, commanded=commanded).items():
+            lines += [f"  {line}" for line in _of_fault(fault, seen)]
+        lines.append("")
+    return [*lines, *_notes(config)]
+
+
+def _of_fault(fault: str, seen: dict[str, tuple[float, tuple[str, ...]]]) -> list[str]:
+    """Whether a fault is named in each motion, or what it looks like."""
     from wackel_diagnoser.isolability import SEEN_S
     from wackel_schemas import component
 
-    lines = []
-    for fault, seen in _visibility(config).items():
-        name = component.in_words(fault)
-        shows = {motion: like for motion, (seen_s, like) in seen.items() if seen_s <= SEEN_S}
-        clear = [motion for motion, like in shows.items() if not like]
-        lines.append(name[0].upper() + name[1:])
-        if clear:
-            lines.append(f"  is named in {', '.join(clear)}")
-        for motion, like in shows.items():
-            if like:
-                alike = " or ".join(component.in_words(each) for each in like)
-                tell = f"; {clear[0]} would tell" if clear else "; no motion tried would tell"
-                lines.append(f"  looks like {alike} in {motion}{tell}")
-        hidden = [motion for motion in seen if motion not in shows]
-        if hidden:
-            lines.append(f"  does not show in {', '.join(hidden)}")
-    return [*lines, "", *_notes(config)]
+    name = component.in_words(fault)
+    lines = [name[0].upper() + name[1:]]
+    shows = {motion: like for motion, (seen_s, like) in seen.items() if seen_s <= SEEN_S}
+    clear = [motion for motion, like in shows.items() if not like]
+    if clear:
+        lines.append(f"  is named in {', '.join(clear)}")
+    by_likeness: dict[tuple[str, ...], list[str]] = {}
+    for motion, like in shows.items():
+        if like:
+            by_likeness.setdefault(like, []).append(motion)
+    for like, motions in by_likeness.items():
+        alike = " or ".join(component.in_words(each) for each in like)
+        tell = f"{clear[0]} would tell" if clear else "no motion tried would tell"
+        lines.append(f"  looks like {alike} in {', '.join(motions)}; {tell}")
+    hidden = [motion for motion in seen if motion not in shows]
+    if hidden:
+        lines.append(f"  does not show in {', '.join(hidden)}")
+    return lines
 
 
 def _notes(config: RobotConfig) -> list[str]:
@@ -93,19 +110,22 @@ def _notes(config: RobotConfig) -> list[str]:
         notes.append("  a steering that is blocked shows once it is told to turn")
         notes.append(
             "  a steering whose zero is wrong forces the robot aside; gyro and wheels show that "
-            "after some seconds of turns, later the more wheels there are"
+            "after some seconds of turns, later the more wheels there are and the stiffer their "
+            "drives and tyres"
             if config.gyros
             else "  a steering whose zero is wrong does not show without a gyro"
         )
     return notes
 
 
-def _visibility(config: RobotConfig) -> dict[str, dict[str, tuple[float, tuple[str, ...]]]]:
+def _visibility(
+    config: RobotConfig, *, commanded: bool
+) -> dict[str, dict[str, tuple[float, tuple[str, ...]]]]:
     """Time to the alarm and what looks alike, by fault and motion."""
     from wackel_diagnoser.isolability import Isolability
 
     assert config.drive is not None
-    isolability = Isolability(config.drive, config.gyros)
+    isolability = Isolability(config.drive, config.gyros, commanded=commanded)
     motions = isolability.motions()
     result: dict[str, dict[str, tuple[float, tuple[str, ...]]]] = {}
     for fault in isolability.faults():

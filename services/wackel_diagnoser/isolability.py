@@ -62,9 +62,13 @@ class Isolability:
     Args:
         config: The drive.
         gyros: By name.
+        commanded: Whether it is known what wheels should do.
     """
 
-    def __init__(self, config: DriveConfig, gyros: Mapping[str, GyroConfig]) -> None:
+    def __init__(
+        self, config: DriveConfig, gyros: Mapping[str, GyroConfig], *, commanded: bool = True
+    ) -> None:
+        self._commanded = commanded
         self._layout = Layout(config)
         self._config = config
         self._gyros = gyros
@@ -130,6 +134,19 @@ class Isolability:
         target = Target(
             heading.tolist(), still, still, speed, on_time, on_time, shown.tolist(), twist
         )
+        if not self._commanded:
+            nothing = [math.nan] * drive.n
+            target = Target(
+                nothing,
+                nothing,
+                still,
+                [math.nan] * len(speed),
+                on_time,
+                on_time,
+                nothing,
+                (math.nan,) * 3,
+                known=False,
+            )
         return step, target
 
     def _with(self, step: Step, fault: str) -> Step:

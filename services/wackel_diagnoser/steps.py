@@ -16,7 +16,7 @@ from wackel_drive.layout import Layout
 from wackel_kinematics.candidates import Candidates
 from wackel_kinematics.signatures import as_text, drive_signatures, steering_signatures
 from wackel_schemas import component
-from wackel_schemas.residuals import Candidate, PaperStep
+from wackel_schemas.residuals import Candidate, PaperStep, Redundancy
 
 SPEED = 0.05
 """m/s by which vx and vy of a candidate may miss; of the yaw rate the same by length. Encoder steps
@@ -31,6 +31,7 @@ class Judgement(NamedTuple):
         at_contact, coincident: Step I, which are singular of kind A and B.
         left: Which Step I leaves.
         deviates: Step II, which of those miss the command.
+        redundancy: Step III's conditions; none while no candidate deviates.
         components: What Step III names, or Step II where that is enough.
         fault: ``sensor`` or ``actuator`` by Step IV; empty where it says nothing.
         texts: A sentence for each step.
@@ -41,6 +42,7 @@ class Judgement(NamedTuple):
     coincident: list[bool]
     left: list[bool]
     deviates: list[bool]
+    redundancy: list[Redundancy]
     components: list[str]
     fault: str
     texts: dict[str, str]
@@ -106,6 +108,7 @@ class PaperSteps:
             usable and self._apart(twist, command)
             for usable, twist in zip(left, twists, strict=True)
         ]
+        redundancy: list[Redundancy] = []
         components: list[str] = []
         fault = ""
         if any(off):
@@ -117,7 +120,9 @@ class PaperSteps:
                 if components
                 else "no signature of a single component."
             )
-            named, consensus = self._consistent(list(compress(twists, left)), sound)
+            usable = list(compress(twists, left))
+            redundancy = self._conditions(usable, sound)
+            named, consensus = self._consistent(usable, sound, redundancy)
             if named is not None:
                 components = named
             texts["III"] = self._text_of_third(named)
@@ -127,7 +132,9 @@ class PaperSteps:
             texts["II"] = "All candidates agree with the command."
         else:
             texts["II"] = "No command is known to compare with."
-        return Judgement(twists, at_contact, coincident, left, off, components, fault, texts)
+        return Judgement(
+            twists, at_contact, coincident, left, off, redundancy, components, fault, texts
+        )
 
     def candidates(self, judged: Judgement) -> list[Candidate]:
         """As a message."""
@@ -181,8 +188,23 @@ class PaperSteps:
         agree = [*map(not_, off)]
         return [path for path, each in zip(self._suspects, sound, strict=True) if each == agree]
 
+    def _conditions(self, twists: list[list[float]], sound: list[list[bool]]) -> list[Redundancy]:
+        """Step III, by component.
+
+        Args:
+            twists: Of the candidates that Step I leaves.
+            sound: Which of those each component leaves sound.
+        """
+        result = []
+        for path, each in zip(self._suspects, sound, strict=True):
+            agreeing, others = [*compress(twists, each)], compress(twists, map(not_, each))
+            agree = len(agreeing) >= 2 and self._agree(agreeing)
+            apart = all(self._apart(twist, other) for twist in others for other in agreeing)
+            result.append(Redundancy(component=path, agree=agree, apart=apart))
+        return result
+
     def _consistent(
-        self, twists: list[list[float]], sound: list[list[bool]]
+        self, twists: list[list[float]], sound: list[list[bool]], redundancy: list[Redundancy]
     ) -> tuple[list[str] | None, list[float] | None]:
         """Step III: components without which all agree, while every candidate with them does not.
 
@@ -191,31 +213,22 @@ class PaperSteps:
         Args:
             twists: Of the candidates that Step I leaves.
             sound: Which of those each component leaves sound.
+            redundancy: Of the same components.
 
         Returns:
             The components, ``None`` if all candidates agree; and the twist of those that agree.
         """
         if self._agree(twists):
             return None, _mean(twists)
-        sizes = [sum(each) if self._divides(twists, each) else 0 for each in sound]
+        sizes = [
+            sum(each) if holds.agree and holds.apart else 0
+            for each, holds in zip(sound, redundancy, strict=True)
+        ]
         largest = max(sizes)
         if not largest:
             return [], None
         best = [i for i, size in enumerate(sizes) if size == largest]
         return [self._suspects[i] for i in best], _mean([*compress(twists, sound[best[-1]])])
-
-    def _divides(self, twists: list[list[float]], sound: list[bool]) -> bool:
-        """Whether several are sound and agree, and every other is apart from each of them."""
-        agreeing = [*compress(twists, sound)]
-        return (
-            len(agreeing) >= 2
-            and self._agree(agreeing)
-            and all(
-                self._apart(twist, other)
-                for twist in compress(twists, map(not_, sound))
-                for other in agreeing
-            )
-        )
 
     def _agree(self, twists: list[list[float]]) -> bool:
         """Whether no two are apart: then the least and the greatest of each component are not."""

@@ -6,7 +6,7 @@ not. So of a motor that says off, another must have been on well before it was a
 it was off.
 """
 
-SWITCHING_NS = 500_000_000
+SWITCHING_NS = 250_000_000
 """In which software switches the motors of a robot, one after the other."""
 
 

@@ -35,6 +35,7 @@ def judged(
 def test_nothing_wrong_gives_the_signature_of_zeros() -> None:
     found = judged()
     assert PaperSteps.signature(found) == "000000"
+    assert found.redundancy == []
     assert found.components == []
     assert "agree with the command" in found.texts["II"]
 
@@ -52,6 +53,10 @@ def test_wheel_3_blocked_spoils_all_candidates_and_step_3_names_it() -> None:
     assert found.components == ["wheel/w2/drive"]
     assert found.fault == "actuator"
     assert "drive of wheel w2" in found.texts["III"]
+    conditions = {each.component: (each.agree, each.apart) for each in found.redundancy}
+    assert len(conditions) == 6
+    assert conditions["wheel/w2/drive"] == (True, True)
+    assert list(conditions.values()).count((True, True)) == 1
 
 
 def test_a_steering_that_stands_off_gives_its_signature() -> None:

@@ -46,13 +46,28 @@ def test_four_steered_wheels_and_a_gyro_tell_everything_apart(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert explained(robot(steered_drive(4)), tmp_path, "--json") == 0
-    faults = {line["component"]: line["motions"] for line in map(json.loads, _lines(capsys))}
-    assert set(faults) == {
+    faults = [json.loads(line) for line in _lines(capsys)]
+    components = {
         *(f"wheel/w{i}/{part}" for i in range(4) for part in ("drive", "steering")),
         "gyro/body",
     }
-    for motions in faults.values():
-        assert any(seen["seen_s"] is not None and not seen["like"] for seen in motions.values())
+    for commanded in (True, False):
+        assert {f["component"] for f in faults if f["commanded"] is commanded} == components
+    for fault in faults:
+        motions = fault["motions"].values()
+        assert any(seen["seen_s"] is not None and not seen["like"] for seen in motions)
+
+
+def test_two_wheels_look_alike_where_nobody_says_what_they_should_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert explained(robot(differential_drive()), tmp_path) == 0
+    told, untold = "\n".join(_lines(capsys)).split("Where nobody publishes that:")
+    assert "looks like" not in told
+    assert (
+        "The drive of wheel left\n    looks like the drive of wheel right in straight ahead"
+    ) in untold
+    assert "no motion tried would tell" in untold
 
 
 def test_without_a_gyro_it_says_what_is_lost(
