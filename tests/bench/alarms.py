@@ -2,10 +2,10 @@
 
 Seldom as they shall be, they take hundreds of hours to count, at some thirty times real time on
 each processor: ``make alarms HOURS=300`` drives on until all runs of the same code together have so
-many. ``alarms.json`` says which robots have driven, to be committed with that code. Half of the
-robots have three wheels, half are simulated with contact physics, half drive on random paths and
-the others in the ways of :mod:`tests.diagnoser.driving`. One in eleven is three times worse
-calibrated than configured; of those a tenth of the hours is enough.
+many. ``alarms.json`` says which robots have driven, to be committed with that code. They are those
+of :mod:`tests.diagnoser.fleet`; of the ones that are three times worse calibrated than configured a
+tenth of the hours is enough. Each version of the code has a fleet of its own: what reports of one
+led to is judged by robots that nobody has seen.
 """
 
 import argparse
@@ -20,32 +20,21 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
-from random import Random
 
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 from scipy.special import gammaincinv
 
-from tests.bench.diagnoser import COMPLAINTS, Physics
 from tests.bench.result import console
-from tests.diagnoser.driving import DRIVING
-from tests.diagnoser.rig import Rig
+from tests.diagnoser.fleet import ROBOT_S, Member
 from wackel_node.garbage import collect_rarely
-from wackel_virtual.build import Build
 
 AIMS = {1.0: 0.01, 3.0: 0.1}
 """Reports an hour, by how many times worse than configured the calibration is."""
-WORSE_SHARE = 1 / 11
-"""Of the robots; so many are worse calibrated that both aims are told at the same time."""
-ROBOT_S = 300.0
-"""For how long each drives."""
 TELLING = 3.0
 """Reports to be expected at the aimed rate, in hours that tell: none of them is then as likely as
 one in twenty."""
-TUNED = frozenset((82, 147, 311, 396, 501, 548, 1022, 1189, 1212, 1418, 2352, 2748))
-"""Robots whose reports led to changes of the diagnoser, or of what it was held against; most are
-tests now. They do not count."""
 HOURS, QUICK_HOURS = 6.0, 0.2
 KEPT = Path(__file__).with_name("alarms.json")
 _ROOT = Path(__file__).parents[2]
@@ -56,43 +45,10 @@ _CODE = (
     "common/wackel_kinematics",
     "tests/diagnoser",
     "tests/odometry",
+    "common/wackel_node/config_drive.py",
 )
 _NO_PART = ("__main__.py", "service.py", "test_*.py", "conftest.py")
 """Of what drives a robot here."""
-
-
-@dataclass(frozen=True)
-class Job:
-    """A robot.
-
-    Attributes:
-        number: Of it, from which all else is drawn.
-        wheels: How many.
-        physics: Of its simulation.
-        driving: Its kind.
-        worse: By how much its calibration is worse than configured.
-        build: What else it is like.
-    """
-
-    number: int
-    wheels: int
-    physics: Physics
-    driving: str
-    worse: float
-    build: Build
-
-    @classmethod
-    def of(cls, number: int) -> "Job":
-        """That with a number."""
-        random = Random(f"alarms/{number}")
-        return cls(
-            number,
-            random.choice((3, 4)),
-            random.choice(("fast", "mujoco")),
-            random.choice(("random", random.choice(list(DRIVING)))),
-            3.0 if random.random() < WORSE_SHARE else 1.0,
-            Build.drawn(random),
-        )
 
 
 @dataclass(frozen=True)
@@ -100,44 +56,28 @@ class Driven:
     """What became of one.
 
     Attributes:
-        job: The robot.
-        alarms: Code and component of each report, and when, s.
+        number: Of the robot in its fleet.
+        member: The robot.
+        alarms: As :meth:`Member.drive` tells them.
     """
 
-    job: Job
+    number: int
+    member: Member
     alarms: list[str]
 
 
-def robot(number: int) -> Driven:
-    """Drives one."""
-    job = Job.of(number)
-    rig = Rig.of(
-        f"alarms/{number}",
-        job.wheels,
-        physics=job.physics,
-        worse=job.worse,
-        driving=job.driving,
-        build=job.build,
-        shown=False,
-    )
-    begin_ns = rig.now_ns
-    rig.drive(ROBOT_S)
-    return Driven(
-        job,
-        [
-            f"{report.code} {report.component} after {(report.stamp - begin_ns) / 1e9:.1f} s"
-            for report in rig.reports
-            if report.status == "active" and report.code not in COMPLAINTS
-        ],
-    )
+def robot(job: tuple[str, int]) -> Driven:
+    """Drives one, of a fleet and with a number."""
+    member = Member.of(*job)
+    return Driven(job[1], member, member.drive())
 
 
-def fingerprint(directories: Iterable[Path]) -> str:
-    """Of the code in directories that robots are driven with; its comments and docstrings do not
-    count."""
+def fingerprint(places: Iterable[Path]) -> str:
+    """Of the code in files and directories that robots are driven with; its comments and docstrings
+    do not count."""
     code = hashlib.sha256()
-    for directory in directories:
-        for path in sorted(directory.glob("*.py")):
+    for place in places:
+        for path in [place] if place.is_file() else sorted(place.glob("*.py")):
             if any(map(path.match, _NO_PART)):
                 continue
             tree = ast.parse(path.read_text())
@@ -166,12 +106,15 @@ def known(path: Path, code: str) -> dict[int, Driven]:
         raise SystemExit(
             f"{path} is damaged ({error!r}); without it, counting begins anew"
         ) from None
-    return {number: Driven(Job.of(number), alarms.get(number, [])) for number in numbers}
+    return {
+        number: Driven(number, Member.of(code, number), alarms.get(number, []))
+        for number in numbers
+    }
 
 
 def keep(path: Path, code: str, driven: Iterable[Driven]) -> None:
     """Writes what :func:`known` reads; all of it or, if it is interrupted, what was there."""
-    by_number = {each.job.number: each.alarms for each in driven}
+    by_number = {each.number: each.alarms for each in driven}
     ranges: list[list[int]] = []
     for number in sorted(by_number):
         if not ranges or number > ranges[-1][1] + 1:
@@ -192,14 +135,14 @@ def drive(hours: float, path: Path = KEPT) -> list[Driven]:
     """
     code = fingerprint(_ROOT / name for name in _CODE)
     driven = known(path, code)
-    numbers = _needed(hours, driven)
+    jobs = [(code, number) for number in _needed(hours, code, driven)]
     with (
         multiprocessing.get_context("spawn").Pool(os.cpu_count(), _prepare) as pool,
         Progress(console=Console(stderr=True), transient=True) as progress,
     ):
         try:
-            for each in progress.track(pool.imap_unordered(robot, numbers), len(numbers)):
-                driven[each.job.number] = each
+            for each in progress.track(pool.imap_unordered(robot, jobs), len(jobs)):
+                driven[each.number] = each
                 keep(path, code, driven.values())
         except KeyboardInterrupt:
             pool.terminate()
@@ -219,23 +162,21 @@ def run(*, quick: bool = False, hours: float | None = None) -> Table:
     return _table(drive(hours))
 
 
-def _needed(hours: float, driven: dict[int, Driven]) -> list[int]:
+def _needed(hours: float, code: str, driven: dict[int, Driven]) -> list[int]:
     """The next robots that together have so many hours."""
     left_s, numbers = hours * 3600, []
     for number in count():
         if left_s <= 0:
             return numbers
-        if number in TUNED:
-            continue
         if number not in driven:
             numbers.append(number)
-        if Job.of(number).worse == 1.0:
+        if Member.of(code, number).worse == 1.0:
             left_s -= ROBOT_S
     raise AssertionError("numbers do not end")
 
 
 def _hours(driven: Iterable[Driven], worse: float) -> float:
-    return sum(ROBOT_S for each in driven if each.job.worse == worse) / 3600
+    return sum(ROBOT_S for each in driven if each.member.worse == worse) / 3600
 
 
 def _table(driven: list[Driven]) -> Table:
@@ -245,10 +186,12 @@ def _table(driven: list[Driven]) -> Table:
     shown.add_column("met")
     for worse, aim in AIMS.items():
         name = "as configured" if worse == 1.0 else f"{worse:g} times worse"
-        every = [each for each in driven if each.job.worse == worse]
+        every = [each for each in driven if each.member.worse == worse]
         for physics in ("fast", "mujoco"):
             for wheels in (3, 4):
-                mine = [e for e in every if (e.job.physics, e.job.wheels) == (physics, wheels)]
+                mine = [
+                    e for e in every if (e.member.physics, e.member.wheels) == (physics, wheels)
+                ]
                 shown.add_row(name, physics, str(wheels), *_rates(mine, worse))
         hours = _hours(every, worse)
         alarms = sum(len(each.alarms) for each in every)
@@ -258,11 +201,12 @@ def _table(driven: list[Driven]) -> Table:
             met = f"{needed:.0f} h will tell"
         shown.add_row(name, "", "", *_rates(every, worse), f"≤ {aim:g}", met, end_section=True)
     shown.caption = "at most: with a probability of 95 %"
-    for each in sorted(driven, key=lambda each: each.job.number):
+    for each in sorted(driven, key=lambda each: each.number):
         for alarm in each.alarms:
-            job = each.job
+            of = each.member
             shown.caption += (
-                f"\nrobot {job.number}: {alarm} ({job.wheels} wheels, {job.physics}, {job.driving})"
+                f"\nrobot {of.seed}: {alarm} ({of.wheels} wheels, {of.physics}, {of.driving}"
+                f"{', busy' * of.busy})"
             )
     return shown
 

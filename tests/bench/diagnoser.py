@@ -21,7 +21,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from itertools import cycle, islice
 from random import Random
-from typing import Literal
 
 from wackel_node.algebra import single_threaded
 
@@ -33,6 +32,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from tests.bench.result import Figure, Prepared, side_by_side, table
+from tests.diagnoser.fleet import COMPLAINTS
 from tests.diagnoser.rig import WARM_UP_S, Rig
 from tests.odometry.simulation import differential_drive, steered_drive
 from wackel_diagnoser.core import Diagnoser
@@ -46,6 +46,7 @@ from wackel_schemas import component
 from wackel_schemas.residuals import Residuals
 from wackel_virtual.build import Build
 from wackel_virtual.drive_simulation import Cycle
+from wackel_virtual.drivetrain import Physics
 
 ROBOTS = 100
 SETTLE_S = 2.5
@@ -70,9 +71,6 @@ DEVIATES, DEVIATES_RAD = 0.05, math.radians(1.0)
 LEAST_M_S, LEAST_RAD_S = 0.005, 0.02
 """But at least by this: five hundredths of hardly any speed are what encoders round."""
 
-COMPLAINTS = ("command_infeasible", "command_singular")
-"""Of the command, which is as it is: no faults of the robot."""
-
 NAMED = 0.995
 """Of single faults, the share whose component is to be named; less where a row says so."""
 TOLD = 0.98
@@ -92,8 +90,6 @@ STEP_BY_PEER = 3.5
 the computer busy: what is missed here but not there, is missed by the computer or its Python. One
 that was built without optimisation makes both slower alike, by an eighth; so do others that use the
 computer's memory, though the step, which needs more of it, a little more."""
-
-Physics = Literal["fast", "mujoco"]
 
 
 @dataclass(frozen=True)

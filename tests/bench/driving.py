@@ -11,9 +11,10 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from tests.bench.diagnoser import KINDS, Outcome, Physics, befall, named_table
+from tests.bench.diagnoser import KINDS, Outcome, befall, named_table
 from tests.diagnoser.driving import DRIVING
 from tests.diagnoser.rig import WARM_UP_S, Rig
+from wackel_virtual.drivetrain import Physics
 
 ROBOTS = 20
 """Of each number of wheels, physics and kind of driving."""

@@ -16,7 +16,6 @@ from rich.progress import Progress
 from rich.table import Table
 
 from tests.bench.diagnoser import (
-    COMPLAINTS,
     KINDS,
     Outcome,
     befall,
@@ -24,6 +23,7 @@ from tests.bench.diagnoser import (
     named_table,
 )
 from tests.diagnoser.driving import DRIVING
+from tests.diagnoser.fleet import COMPLAINTS
 from tests.diagnoser.rig import WARM_UP_S, Rig
 from tests.odometry.simulation import differential_drive, other_drives, steered_drive
 from wackel_node.garbage import collect_rarely

@@ -4,12 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from tests.bench.alarms import Driven, Job, fingerprint, keep, known
+from tests.bench.alarms import Driven, fingerprint, keep, known
+from tests.diagnoser.fleet import Member
 
 
 def test_what_is_kept_is_known_again(tmp_path: Path) -> None:
     alarms = {0: [], 1: ["gyro_deviates gyro/body after 39.3 s"], 2: [], 5: [], 7: []}
-    driven = {number: Driven(Job.of(number), said) for number, said in alarms.items()}
+    driven = {
+        number: Driven(number, Member.of("now", number), said) for number, said in alarms.items()
+    }
     path = tmp_path / "alarms.json"
     keep(path, "now", driven.values())
     assert known(path, "now") == driven
@@ -18,7 +21,7 @@ def test_what_is_kept_is_known_again(tmp_path: Path) -> None:
 def test_robots_of_other_code_do_not_count(tmp_path: Path) -> None:
     path = tmp_path / "alarms.json"
     assert known(path, "now") == {}
-    keep(path, "before", [Driven(Job.of(0), [])])
+    keep(path, "before", [Driven(0, Member.of("before", 0), [])])
     assert known(path, "now") == {}
 
 

@@ -26,6 +26,9 @@ from wackel_virtual.drive_simulation import START_NS, Cycle, DriveSimulation
 GYRO = "body"
 WARM_UP_S = 30.0
 """Driving in which the diagnoser learns what its robot is like."""
+LOST, LATE, LATEST_NS = 0.01, 0.1, 2_000_000
+"""Of a busy computer: which share of all messages never comes, and which share of the states is
+stamped late, by how much at most."""
 TOGETHER = 200
 """Cycles that are simulated before they are diagnosed: in turn, each would push the other out of
 the processor's nearest memory, which costs a seventh more."""
@@ -43,6 +46,7 @@ class Rig:
         diagnoser: What it is told.
         config: Its drive.
         path: Commanded twists, one a cycle.
+        busy: What draws how messages suffer from a busy computer; ``None``: it has nothing to do.
         cycles: How many have passed.
         reports: All changes of faults.
         exclusions: The latest.
@@ -53,6 +57,7 @@ class Rig:
     diagnoser: Diagnoser
     config: DriveConfig
     path: Floats
+    busy: Random | None = None
     cycles: int = 0
     reports: list[FaultReport] = field(default_factory=list)
     exclusions: Exclusions | None = None
@@ -68,6 +73,7 @@ class Rig:
         worse: float = 1.0,
         driving: str = "random",
         build: Build = Build(),  # noqa: B008  (frozen)
+        busy: bool = False,
         shown: bool = True,
     ) -> Self:
         """A new robot; ``drive``: or how many steered wheels it has.
@@ -79,6 +85,7 @@ class Rig:
             worse: By how much its calibration is worse than its configuration says.
             driving: A kind of :mod:`tests.diagnoser.driving`.
             build: What else it is like.
+            busy: Whether its computer is.
             shown: Whether anyone looks at residuals.
         """
         config = steered_drive(drive) if isinstance(drive, int) else drive
@@ -94,7 +101,9 @@ class Rig:
         sideways = config.kind in ("steered", "mecanum", "omni")
         path = course(driving, rng, sideways=sideways)
         diagnoser = Diagnoser(config, {GYRO: gyro}, lambda: shown)
-        return cls(simulation, diagnoser, config, path)
+        return cls(
+            simulation, diagnoser, config, path, busy=Random(f"{seed}/busy") if busy else None
+        )
 
     def copy(self) -> Self:
         """The same robot once more, to go another way from here."""
@@ -132,9 +141,18 @@ class Rig:
 
     def feed(self, cycle: Cycle) -> Iterator[Message]:
         """What the diagnoser says of a cycle."""
-        self.diagnoser.command(cycle.command)
-        yield from self.diagnoser.imu(self.simulation.gyro, cycle.imu)
-        yield from self.diagnoser.bus_state(self.simulation.bus, cycle.state)
+        if self.busy is not None and self.busy.random() < LATE:
+            cycle.state.stamp += round(self.busy.uniform(0.0, LATEST_NS))
+        if self._comes():
+            self.diagnoser.command(cycle.command)
+        if self._comes():
+            yield from self.diagnoser.imu(self.simulation.gyro, cycle.imu)
+        if self._comes():
+            yield from self.diagnoser.bus_state(self.simulation.bus, cycle.state)
+
+    def _comes(self) -> bool:
+        """Whether the next message does."""
+        return self.busy is None or self.busy.random() >= LOST
 
     def drive(self, seconds: float, twist: Floats | None = None) -> None:
         """Some cycles: what is simulated does not depend on what is concluded."""
