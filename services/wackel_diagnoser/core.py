@@ -150,8 +150,9 @@ class Diagnoser:
         self._is_shown = shown
         self._shown: int | None = None
         self._examined = 0
-        self._complaint: Complaint | None = None  # about the latest command
-        self._complained: int | None = None  # end of the first step since
+        # About the latest command, and of those that were none; and ends of the first step since.
+        self._complaints: dict[bool, Complaint] = {}
+        self._complained: dict[bool, int] = {}
         self._exclusions: list[Exclusion] | None = None
 
     def bus_state(self, bus: str, state: BusState) -> list[Message]:
@@ -178,8 +179,12 @@ class Diagnoser:
     def command(self, message: TwistCommand) -> None:
         """Takes in what the drive is told; what cannot be a command is told as such."""
         known = self._reference.command(message)
-        self._complaint = self._commands.look(message) if known else NO_COMMAND
-        self._complained = None
+        complaint = self._commands.look(message) if known else NO_COMMAND
+        self._complained.pop(known, None)
+        if complaint is not None:
+            self._complaints[known] = complaint
+        else:
+            self._complaints.pop(known, None)
 
     def active(self) -> list[FaultReport]:
         """The faults that are active, in the order in which they began."""
@@ -250,8 +255,8 @@ class Diagnoser:
                 )
             self._verdicts.free(map(or_, self._efforts.off, self._idle.found))
             self._unwatched_s = 0.0
-        if self._complaint is not None:
-            self._age_complaint(step.end)
+        if self._complaints:
+            self._age_complaints(step.end)
         messages: list[Message] = []
         if changed or self._to_examine(step.end):
             messages += self._examine(step.end)
@@ -354,12 +359,11 @@ class Diagnoser:
         self._rows.correct(zeros)
         self._verdicts.void()
 
-    def _age_complaint(self, now: int) -> None:
+    def _age_complaints(self, now: int) -> None:
         """A command that is no longer what drives the robot is no longer wrong."""
-        if self._complained is None:
-            self._complained = now
-        elif not 0 <= now - self._complained <= FRESH_NS:
-            self._complaint = None
+        for known in list(self._complaints):
+            if not 0 <= now - self._complained.setdefault(known, now) <= FRESH_NS:
+                del self._complaints[known], self._complained[known]
 
     def _to_examine(self, now: int) -> bool:
         """Whether it is time to look at faults."""
@@ -371,7 +375,7 @@ class Diagnoser:
         return (
             self._sequential.verdict != 0
             or self._references.found is not None
-            or self._complaint is not None
+            or bool(self._complaints)
             or any(self._efforts.off)
             or any(self._idle.found)
             or self._reports.any_active
@@ -385,8 +389,7 @@ class Diagnoser:
         found += findings.verdict(found, now)
         if self._references.found is not None:
             found.append(findings.reference(self._references.found, now))
-        if self._complaint is not None:
-            found.append(findings.command(self._complaint, now))
+        found += [findings.command(each, now) for each in self._complaints.values()]
         messages: list[Message] = [*self._reports.update(found, now)]
         exclusions = excluded(found)
         if exclusions != self._exclusions:

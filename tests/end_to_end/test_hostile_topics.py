@@ -137,7 +137,7 @@ def test_nothing_on_any_topic_harms_the_services(tmp_path: Path) -> None:
         for service in pids:
             if service not in _UNCONCERNED:
                 assert f"service/{service} messages_refused" in reasons, reasons
-        for component in ("bus/main/servo/1", "gyro/body"):
+        for component in ("bus/main/servo/1", "gyro/body", "command"):
             assert f"{component} bad_input" in reasons, reasons
 
         # Everyone goes on, and forgets.
