@@ -9,8 +9,6 @@ led to is judged by robots that nobody has seen.
 """
 
 import argparse
-import ast
-import hashlib
 import json
 import multiprocessing
 import os
@@ -26,6 +24,7 @@ from rich.progress import Progress
 from rich.table import Table
 from scipy.special import gammaincinv
 
+from tests.bench.fresh import version
 from tests.bench.result import console
 from tests.diagnoser.fleet import ROBOT_S, Member
 from wackel_node.garbage import collect_rarely
@@ -37,18 +36,6 @@ TELLING = 3.0
 one in twenty."""
 HOURS, QUICK_HOURS = 6.0, 0.2
 KEPT = Path(__file__).with_name("alarms.json")
-_ROOT = Path(__file__).parents[2]
-_CODE = (
-    "services/wackel_diagnoser",
-    "services/wackel_virtual",
-    "common/wackel_drive",
-    "common/wackel_kinematics",
-    "tests/diagnoser",
-    "tests/odometry",
-    "common/wackel_node/config_drive.py",
-)
-_NO_PART = ("__main__.py", "service.py", "test_*.py", "conftest.py")
-"""Of what drives a robot here."""
 
 
 @dataclass(frozen=True)
@@ -70,22 +57,6 @@ def robot(job: tuple[str, int]) -> Driven:
     """Drives one, of a fleet and with a number."""
     member = Member.of(*job)
     return Driven(job[1], member, member.drive())
-
-
-def fingerprint(places: Iterable[Path]) -> str:
-    """Of the code in files and directories that robots are driven with; its comments and docstrings
-    do not count."""
-    code = hashlib.sha256()
-    for place in places:
-        for path in [place] if place.is_file() else sorted(place.glob("*.py")):
-            if any(map(path.match, _NO_PART)):
-                continue
-            tree = ast.parse(path.read_text())
-            for node in ast.walk(tree):
-                if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
-                    node.value.value = ""
-            code.update(ast.dump(tree).encode())
-    return code.hexdigest()[:16]
 
 
 def known(path: Path, code: str) -> dict[int, Driven]:
@@ -133,7 +104,7 @@ def drive(hours: float, path: Path = KEPT) -> list[Driven]:
         hours: Of those that are calibrated as configured.
         path: Where each that has driven is added to.
     """
-    code = fingerprint(_ROOT / name for name in _CODE)
+    code = version()
     driven = known(path, code)
     jobs = [(code, number) for number in _needed(hours, code, driven)]
     with (
@@ -157,7 +128,7 @@ def run(*, quick: bool = False, hours: float | None = None) -> Table:
         hours: In all, of robots that are calibrated as configured; or else so many more.
     """
     if hours is None:
-        already = known(KEPT, fingerprint(_ROOT / name for name in _CODE)).values()
+        already = known(KEPT, version()).values()
         hours = _hours(already, 1.0) + (QUICK_HOURS if quick else HOURS)
     return _table(drive(hours))
 

@@ -2,8 +2,8 @@
 
 Each robot has its own build, calibration errors, gyro, path and noise from its seed. It
 drives for half a minute without a fault, in which every report is a false alarm; then each kind of
-fault befalls a copy of it. The seeds of ``tune`` were used while thresholds were chosen; those of
-``judge``, which this prints, were not.
+fault befalls a copy of it. No robot was known while thresholds were chosen
+(:mod:`tests.bench.fresh`).
 
 Named: at the end of the run the faulty components, and no others, are reported. Kind: and as the
 right kind, sensor or actuator, or the right row of the paper's table 1; of a steering half a degree
@@ -31,6 +31,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from tests.bench.fresh import version
 from tests.bench.result import Figure, Prepared, side_by_side, table
 from tests.diagnoser.fleet import COMPLAINTS
 from tests.diagnoser.rig import WARM_UP_S, Rig
@@ -505,7 +506,7 @@ def run(
     quick: bool = False,
     robots: int | None = None,
     mujoco: int | None = None,
-    seeds: str = "judge",
+    seeds: str | None = None,
 ) -> list[Table]:
     """Cost, then all robots in two processes.
 
@@ -513,8 +514,9 @@ def run(
         quick: A few robots.
         robots: Of each number of wheels, in the fast simulation.
         mujoco: The same with contact physics.
-        seeds: ``judge`` or ``tune``.
+        seeds: Beginning of those of the robots; else they are fresh.
     """
+    seeds = seeds or version()
     count = robots if robots is not None else 4 if quick else ROBOTS
     touching = mujoco if mujoco is not None else 1 if quick else ROBOTS
     counts: list[tuple[Physics, int]] = [("fast", count), ("mujoco", touching)]

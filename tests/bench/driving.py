@@ -6,14 +6,17 @@ cannot be named, but must not be blamed on another part either.
 
 import multiprocessing
 from dataclasses import dataclass
+from random import Random
 
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
 from tests.bench.diagnoser import KINDS, Outcome, befall, named_table
+from tests.bench.fresh import version
 from tests.diagnoser.driving import DRIVING
 from tests.diagnoser.rig import WARM_UP_S, Rig
+from wackel_virtual.build import Build
 from wackel_virtual.drivetrain import Physics
 
 ROBOTS = 20
@@ -39,7 +42,8 @@ class Job:
 
 def robot(job: Job) -> tuple[str, list[Outcome]]:
     """Drives one; returns how, and what became of the faults."""
-    rig = Rig.of(job.seed, job.wheels, physics=job.physics, driving=job.driving)
+    build = Build.drawn(Random(f"{job.seed}/build"))
+    rig = Rig.of(job.seed, job.wheels, physics=job.physics, driving=job.driving, build=build)
     rig.drive(WARM_UP_S)
     return job.driving, [befall(rig.copy(), number, job.seed) for number in FAULTS]
 
@@ -48,16 +52,17 @@ def run(
     *,
     quick: bool = False,
     robots: int | None = None,
-    seeds: str = "judge",
+    seeds: str | None = None,
 ) -> Table:
     """All kinds in two processes.
 
     Args:
         quick: A few robots.
         robots: Of each number of wheels, physics and kind of driving.
-        seeds: ``judge`` or ``tune``.
+        seeds: Beginning of those of the robots; else they are fresh.
     """
     count = robots if robots is not None else 1 if quick else ROBOTS
+    seeds = seeds or version()
     physics: tuple[Physics, ...] = ("fast", "mujoco")
     jobs = [
         Job(wheels, way, driving, f"{seeds}/{way}/{wheels}/{driving}/{i}")

@@ -22,6 +22,7 @@ from tests.bench.diagnoser import (
     having,
     named_table,
 )
+from tests.bench.fresh import version
 from tests.diagnoser.driving import DRIVING
 from tests.diagnoser.fleet import COMPLAINTS
 from tests.diagnoser.rig import WARM_UP_S, Rig
@@ -90,15 +91,16 @@ def robot(job: tuple[str, str]) -> Driven:
     return Driven(name, len(reports), outcomes)
 
 
-def run(*, quick: bool = False, robots: int | None = None, seeds: str = "judge") -> Table:
+def run(*, quick: bool = False, robots: int | None = None, seeds: str | None = None) -> Table:
     """All drives in two processes.
 
     Args:
         quick: A few robots.
         robots: Of each drive.
-        seeds: ``judge`` or ``tune``.
+        seeds: Beginning of those of the robots; else they are fresh.
     """
     count = robots if robots is not None else 2 if quick else ROBOTS
+    seeds = seeds or version()
     jobs = [(name, f"{seeds}/other/{name}/{i}") for name in DRIVES for i in range(count)]
     with (
         multiprocessing.get_context("spawn").Pool(2) as pool,

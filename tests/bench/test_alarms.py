@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.bench.alarms import Driven, fingerprint, keep, known
+from tests.bench.alarms import Driven, keep, known
+from tests.bench.fresh import fingerprint
 from tests.diagnoser.fleet import Member
 
 
