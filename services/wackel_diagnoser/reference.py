@@ -24,6 +24,18 @@ FRESH_NS = 500_000_000
 TELLS = 0.01
 """m/s and rad that a drive or a steering must still be off the command to tell of its lag; at rest,
 and at an even speed, nothing is learnt, and nothing forgotten."""
+MISSING = 1.5
+"""Times as long as usual after the last, before a command, another is missing."""
+JUMPS = 0.1
+"""rad and m/s by which commands differ between which it matters that one was missed."""
+EITHER_RAD = 0.5
+"""Turn of a wheel within commands one of which was missed, after which it is not known which way
+round the wheel turns: the one between may have been nearer to the opposite direction."""
+DOUBTFUL_NS, LONGEST_NS = 200_000_000, 2_000_000_000
+"""For how long that is so: until no wheel turns faster than this, but not for ever."""
+TURNING_RAD_S = 2.0
+USUAL = 0.05
+"""Share by which each interval changes what is usual: some twenty of them."""
 ALIGNED_RAD = 0.1
 """Wheels that have to turn by more than that slow each other down."""
 FASTEST = 20.0
@@ -88,6 +100,9 @@ class Reference:
         ]
         self._waiting: deque[tuple[int, Twist]] = deque(maxlen=_MOST_WAITING)
         self._since: int | None = None  # when what is commanded now was
+        self._interval = 0.0  # from one command to the next as a rule, ns
+        self._begun = 0  # stamp up to which commands have been followed
+        self._doubtful: int | None = None  # since when it is which way wheels turn
         self._twist: Twist = (0.0, 0.0, 0.0)
         self._heading = [wheel.heading for wheel in config.wheels]
         self._speed = [0.0] * n
@@ -128,6 +143,7 @@ class Reference:
         """Time was started anew."""
         self._waiting.clear()
         self._since = None
+        self._doubtful = None
         self._known = False
 
     def step(self, step: Step, learnt_s: float) -> Target:
@@ -137,18 +153,25 @@ class Reference:
             step: What they did.
             learnt_s: For how much driving without a fault it stands; 0: nothing can be learnt.
         """
+        missed, before = False, self._goal
         while self._waiting and self._waiting[0][0] <= step.begin:
             stamp, twist = self._waiting.popleft()
             if self._since is None or stamp > self._since:  # else another has overtaken it
+                missed |= self._has_missed(stamp)
                 self._since, self._twist = stamp, twist
                 self._aim()
+        self._begun = step.begin
+        if missed and max(map(abs, map(sub, self._goal[: self._n], before))) > EITHER_RAD:
+            self._doubtful = step.begin
         since = self._since
-        if since is None or not 0 <= step.begin - since <= FRESH_NS:
+        if since is None or not 0 <= step.begin - since <= FRESH_NS or self._is_doubtful(step):
             self._known = False
             return self._unknown
         heading = step.heading
         if not self._known:
-            self._start(heading)
+            self._start(heading, step.wheel_rate)
+        elif missed and max(map(abs, map(sub, self._goal, before))) > JUMPS:
+            self._state = _known(self._shown(heading, step.wheel_rate), self._state)
         n, dt, goal, state, halves = self._n, step.seconds, self._goal, self._state, self._halves
         # The measured heading may be that of the same wheel turned half round and rolling back.
         for i in self._steered:
@@ -230,16 +253,15 @@ class Reference:
             goal[self._n + at] = a * vx + b * vy + c * omega
         self._goal = goal
 
-    def _start(self, shown: list[float]) -> None:
-        """The wheels are where they are; where they are not known, where they should be."""
-        heading = [
-            is_ if math.isfinite(is_) else should
-            for is_, should in zip(shown, self._heading, strict=True)
-        ]
+    def _start(self, shown: list[float], rates: list[float]) -> None:
+        """The wheels do what they do; where that is not known, what they should."""
+        heading = _known(shown, self._heading)
         for i, should in enumerate(self._heading):
             self._heading[i] += math.pi * round((heading[i] - should) / math.pi)
+            self._turn_half_round(i, 0.0)
         self._aim()
         self._state = heading + self._goal[self._n :]
+        self._state = _known(self._shown(shown, rates), self._state)
         self._lags.begin(self._state)
         self._known = True
 
@@ -248,15 +270,47 @@ class Reference:
         self._halves[wheel] = round(off / math.pi) if math.isfinite(off) else 0
         self._sign = [1.0 - 2.0 * (self._halves[i] % 2) for i in self._rolls]
 
-    def _learn(self, heading: list[float], step: Step, learnt_s: float) -> None:
-        """Which lags the measurements follow."""
-        n, rates = self._n, step.wheel_rate
-        shown = self._state[:n]  # one that does not steer stands as it should
+    def _has_missed(self, stamp: int) -> bool:
+        """Whether a new command comes late, or after one that did not come: since when the drive
+        follows it is not known."""
+        since = self._since
+        if since is None:
+            return False
+        interval = min(stamp - since, FRESH_NS)
+        usual = self._interval or interval
+        self._interval = usual + USUAL * (interval - usual)
+        return stamp <= self._begun or interval > MISSING * usual
+
+    def _is_doubtful(self, step: Step) -> bool:
+        """Whether a command was missed, and wheels still turn to where it had them go."""
+        if self._doubtful is None:
+            return False
+        for_ns, most = step.begin - self._doubtful, TURNING_RAD_S * step.seconds
+        rests = all(abs(step.steered[i]) < most for i in self._steered)
+        if not 0 <= for_ns < DOUBTFUL_NS and (rests or not 0 <= for_ns < LONGEST_NS):
+            self._doubtful = None
+        return self._doubtful is not None
+
+    def _shown(self, heading: list[float], rates: list[float]) -> list[float]:
+        """Headings and rolling speeds as the state has them, but measured."""
+        shown = self._state[: self._n]  # one that does not steer stands as it should
         for i in self._steered:
             shown[i] = heading[i] - math.pi * self._halves[i]
         shown += [
             rates[i] * radius * sign
             for i, radius, sign in zip(self._rolls, self._radius, self._sign, strict=True)
         ]
+        return shown
+
+    def _learn(self, heading: list[float], step: Step, learnt_s: float) -> None:
+        """Which lags the measurements follow."""
+        shown = self._shown(heading, step.wheel_rate)
         self._lags.learn(shown, learnt_s, slowed=max(self._envelope) > ALIGNED_RAD)
         self._state = self._lags.choose(self._state)
+
+
+def _known(measured: list[float], should: list[float]) -> list[float]:
+    """What is measured, and where that is not a number, what should be."""
+    return [
+        does if math.isfinite(does) else told for does, told in zip(measured, should, strict=True)
+    ]

@@ -26,7 +26,7 @@ from wackel_virtual.drive_simulation import START_NS, Cycle, DriveSimulation
 GYRO = "body"
 WARM_UP_S = 30.0
 """Driving in which the diagnoser learns what its robot is like."""
-LOST, LATE, LATEST_NS = 0.01, 0.1, 2_000_000
+LOST, LATE, LATEST_NS = 0.005, 0.1, 2_000_000
 """Of a busy computer: which share of all messages never comes, and which share of the states is
 stamped late, by how much at most."""
 TOGETHER = 200

@@ -78,3 +78,39 @@ def test_a_command_that_another_has_overtaken_is_not_followed() -> None:
         step = Step(300_000_000, 310_000_000, STEP_S, still, still, still, [0.0])
         twist = reference.step(step, 0.0).twist
     assert twist == (0.5, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(("missing", "known"), [(0, True), (1, False), (5, False)])
+def test_after_a_command_that_did_not_come_it_is_not_known_which_way_wheels_turn(
+    missing: int, known: bool
+) -> None:
+    config = steered_drive(3)
+    reference = Reference(Layout(config), config)
+    still = [0.0] * 3
+    for number in range(1, 200):
+        begin = number * 10_000_000
+        turned = number > 100
+        way = math.radians(120.0) * turned
+        if not 100 < number <= 100 + missing:
+            vx, vy = 0.3 * math.cos(way), 0.3 * math.sin(way)
+            reference.command(TwistCommand(stamp=begin, vx=vx, vy=vy, omega=0.0))
+        step = Step(begin, begin + 10_000_000, STEP_S, [way] * 3, still, still, [0.0])
+        target = reference.step(step, 0.0)
+        if number in (100, 160):
+            assert target.known
+        if number == 101 + missing:
+            assert target.known is known
+
+
+def test_where_commands_come_seldom_none_is_missing() -> None:
+    config = steered_drive(3)
+    reference = Reference(Layout(config), config)
+    still = [0.0] * 3
+    for number in range(1, 200):
+        begin = number * 10_000_000
+        if number % 10 == 1:
+            way = math.radians(50.0) * (number // 10)
+            vx, vy = 0.3 * math.cos(way), 0.3 * math.sin(way)
+            reference.command(TwistCommand(stamp=begin, vx=vx, vy=vy, omega=0.0))
+        step = Step(begin, begin + 10_000_000, STEP_S, still, still, still, [0.0])
+        assert reference.step(step, 0.0).known
