@@ -332,8 +332,7 @@ class Diagnoser:
 
     def _adopt(self) -> None:
         """What has been learnt goes into the rows."""
-        if (motion := self._references.motion) is not None:
-            motion.adopt(self._small.gives_way, self._efforts.mass)
+        self._references.adopt(self._small.gives_way, self._efforts.mass)
         self._rows.adopt(
             self._small.calibration, biases=self._bias.variance, scales=self._scaling.factors
         )

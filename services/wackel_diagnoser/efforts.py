@@ -129,7 +129,7 @@ class Efforts:
     @property
     def mass(self) -> float:
         """What each rolling motor needs by acceleration, A s²/m (or share of load), as learnt."""
-        return self._needs.mass
+        return max(self._needs.mass, 0.0)
 
     @property
     def off(self) -> list[bool]:

@@ -40,6 +40,11 @@ class SlipPower:
         self._needs: Floats = np.zeros(4)
         self._known = False
 
+    @property
+    def mass(self) -> float:
+        """What each motor needs by acceleration, A s²/m; 0 until it is known."""
+        return max(float(self._needs[1]), 0.0)
+
     def left(self, power: float, causes: Floats, rolling: int) -> float:
         """What slip takes, by the mass of the robot, m²/s³; NaN if unknown.
 
@@ -51,7 +56,7 @@ class SlipPower:
         """
         if not self._known:
             return math.nan
-        by_mass = float(self._needs[1]) * rolling
+        by_mass = self.mass * rolling
         return (power - float(self._needs.dot(causes))) / by_mass
 
     def learn(self, power: float, causes: Floats, seconds: float) -> None:
