@@ -86,7 +86,8 @@ class MujocoBody:
         self._driven: list[bool] = []
         self._roll_position = [int(model.joint(f"roll{i}").qposadr[0]) for i in range(n)]
         self._roll_velocity = [int(model.joint(f"roll{i}").dofadr[0]) for i in range(n)]
-        self._rotor: Floats = model.dof_armature[self._roll_velocity]
+        self._rotor: list[float] = model.dof_armature[self._roll_velocity].tolist()
+        self._gain_now: list[float] = []
         self._wheel = np.array([model.geom(f"wheel{i}").id for i in range(n)])
         self._lock = [model.equality(f"lock{i}").id for i in range(n)]
         self._motor = [int(model.actuator(f"motor{i}").id) for i in range(n)]
@@ -120,24 +121,36 @@ class MujocoBody:
         model.opt.timestep = duration_s / steps
         mujoco.mj_step(model, data, nstep=steps)
 
-        # What turns the rotor is not for the tyre.
-        pushed = data.actuator_force[self._motor] - self._rotor * data.qacc[self._roll_velocity]
-        position, velocity, torque = (each.tolist() for each in (data.qpos, data.qvel, pushed))
+        position, velocity = data.qpos.tolist(), data.qvel.tolist()
         x, y, heading = position[:3]
         vx, vy, omega = velocity[:3]
         cos, sin = math.cos(heading), math.sin(heading)
         self.pose = (x, y, heading)
         self.twist = (cos * vx + sin * vy, cos * vy - sin * vx, omega)
-        self.angle = [position[at] for at in self._roll_position]
-        self.rate = [velocity[at] for at in self._roll_velocity]
-        self.effort = [
-            each / grip if on else 0.0
-            for on, each, grip in zip(wheels.driven, torque, self._grip, strict=True)
-        ]
+        angle = [position[at] for at in self._roll_position]
+        rate = [velocity[at] for at in self._roll_velocity]
+        self.effort = self._efforts(wheels.rate, angle, rate, duration_s)
+        self.angle, self.rate = angle, rate
+
+    def _efforts(
+        self, told: list[float], angle: list[float], rate: list[float], duration_s: float
+    ) -> list[float]:
+        """Means over a step at the end of which wheels stand and turn like this: a stiff drive has
+        caught up with its goal long before."""
+        efforts, timestep = [], self._model.opt.timestep
+        for i, grip in enumerate(self._grip):
+            turned, hastened = angle[i] - self.angle[i], rate[i] - self.rate[i]
+            # Euler's method pushes by the rates before each of its steps, and moves by those after.
+            slower = told[i] - (turned - timestep * hastened) / duration_s
+            # What turns the rotor is not for the tyre.
+            torque = self._gain_now[i] * slower - self._rotor[i] * hastened / duration_s
+            efforts.append(min(MOST_EFFORT, max(-MOST_EFFORT, torque / grip)))
+        return efforts
 
     def _set_motors(self, driven: list[bool]) -> None:
         """Which of them hold their wheels."""
         gain = self._gain * driven
+        self._gain_now = gain.tolist()
         self._model.actuator_gainprm[self._motor, 0] = gain
         self._model.actuator_biasprm[self._motor, 2] = -gain
         self._driven = driven

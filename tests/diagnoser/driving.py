@@ -15,7 +15,8 @@ from wackel_kinematics.array import Floats
 
 RATE = 100.0
 REST = (0.0, 0.0, 0.0)
-SLOWING_S = 0.5
+USUAL_FRICTION = 0.8
+"""For which accelerations are given."""
 
 
 class Leg(NamedTuple):
@@ -37,10 +38,11 @@ def _along(speed: float, direction: float, omega: float = 0.0) -> tuple[float, f
 
 
 class _Draws:
-    """Of one course: random numbers, and whether the drive can go sideways."""
+    """Of one course: random numbers, whether the drive can go sideways, and what its tyres hold."""
 
-    def __init__(self, rng: np.random.Generator, *, sideways: bool) -> None:
+    def __init__(self, rng: np.random.Generator, *, sideways: bool, friction: float) -> None:
         self.between = rng.uniform
+        self.hold = friction / USUAL_FRICTION
         self._sideways = sideways
 
     def direction(self) -> float:
@@ -96,10 +98,10 @@ def _hard(draws: _Draws) -> Iterator[Leg]:
     """Curves and brakes at up to two thirds of what tyres hold."""
     direction = draws.direction()
     for _ in range(4):
-        speed, across = draws.between(0.6, 1.5), draws.between(2.0, 5.0)
+        speed, across = draws.between(0.6, 1.5), draws.between(2.0, 5.0) * draws.hold
         omega = draws.either() * min(across / speed, 4.0)
         yield Leg(
-            speed / draws.between(2.0, 4.0),
+            speed / (draws.between(2.0, 4.0) * draws.hold),
             draws.between(0.3, 1.5),
             _along(speed, direction, omega),
         )
@@ -127,12 +129,25 @@ DRIVING: dict[str, Callable[[_Draws], Iterator[Leg]]] = {
 
 
 def course(
-    kind: str, rng: np.random.Generator, seconds: float = 120.0, *, sideways: bool = True
+    kind: str,
+    rng: np.random.Generator,
+    seconds: float = 120.0,
+    *,
+    sideways: bool = True,
+    friction: float = USUAL_FRICTION,
 ) -> Floats:
-    """Twists of so many seconds or a little more, one a cycle, shape (m, 3)."""
+    """Twists of so many seconds or a little more, one a cycle, shape (m, 3).
+
+    Args:
+        kind: A key of :data:`DRIVING`, or ``random``.
+        rng: Of all that is drawn.
+        seconds: See above.
+        sideways: Whether the drive can go there.
+        friction: Coefficient of its tyres.
+    """
     if kind == "random":
         return random_path(rng, 0.5 * seconds, sideways=sideways)
-    draws = _Draws(rng, sideways=sideways)
+    draws = _Draws(rng, sideways=sideways, friction=friction)
     twists: list[Floats] = [np.zeros((round(RATE), 3))]
     cycles, now = 0, np.zeros(3)
     while cycles < seconds * RATE:

@@ -99,7 +99,7 @@ class Rig:
         )
         rng = np.random.default_rng(Random(seed).getrandbits(63))
         sideways = config.kind in ("steered", "mecanum", "omni")
-        path = course(driving, rng, sideways=sideways)
+        path = course(driving, rng, sideways=sideways, friction=build.friction)
         diagnoser = Diagnoser(config, {GYRO: gyro}, lambda: shown)
         return cls(
             simulation, diagnoser, config, path, busy=Random(f"{seed}/busy") if busy else None

@@ -27,12 +27,17 @@ RADIUS = 0.05
 
 
 def simulation(
-    drive: DriveConfig, *, physics: Physics = "fast", seed: int = 1, exact: bool = True
+    drive: DriveConfig,
+    *,
+    physics: Physics = "fast",
+    seed: int = 1,
+    exact: bool = True,
+    build: Build = Build(),  # noqa: B008  (frozen)
 ) -> DriveSimulation:
     gyro = GyroConfig(noise_density=1e-5, bias_stability=1e-6)
     errors = CalibrationErrors.none(drive) if exact else None
     robot = RobotConfig(drive=drive, gyros={"body": gyro})
-    return DriveSimulation(robot, seed, physics=physics, errors=errors)
+    return DriveSimulation(robot, seed, physics=physics, errors=errors, build=build)
 
 
 def driven(

@@ -195,3 +195,25 @@ def test_without_mujoco_it_says_what_to_install(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.delitem(sys.modules, "wackel_virtual.mujoco_body", raising=False)
     with pytest.raises(ImportError, match=r"pip install 'wackel\[sim\]'"):
         importlib.import_module("wackel_virtual.mujoco_body")
+
+
+@pytest.mark.parametrize("droop_m_s", [0.02, 0.06, 0.12])
+@pytest.mark.parametrize("twist", [(1.0, 0.0, 0.0), (0.0, 0.0, 3.0)], ids=["along", "about"])
+def test_motors_of_any_stiffness_show_what_accelerates_the_robot(
+    droop_m_s: float, twist: tuple[float, float, float]
+) -> None:
+    """Whenever a stiff one catches up with its goal."""
+    efforts = []
+    for physics in ("fast", "mujoco"):
+        robot = simulation(
+            steered_drive(3),
+            physics=physics,  # type: ignore[arg-type]
+            build=Build(droop_m_s=droop_m_s),
+        )
+        vx, vy, omega = twist
+        driven(robot, 1.0, (0.01 * vx, 0.01 * vy, 0.01 * omega))
+        for part in np.arange(0.01, 0.6, 0.01).tolist():
+            robot.step(part * vx, part * vy, part * omega)
+        efforts.append(np.abs(robot._drivetrain.body.effort))
+    of_its_own = 0.013  # of wheels, which have inertia in MuJoCo only
+    assert efforts[1] == pytest.approx(efforts[0] + of_its_own, rel=0.15)
