@@ -332,7 +332,7 @@ class Diagnoser:
 
     def _adopt(self) -> None:
         """What has been learnt goes into the rows."""
-        self._references.adopt(self._small.gives_way, self._efforts.mass)
+        self._references.adopt(self._small.gives_way)
         self._rows.adopt(
             self._small.calibration, biases=self._bias.variance, scales=self._scaling.factors
         )

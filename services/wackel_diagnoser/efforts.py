@@ -127,11 +127,6 @@ class Efforts:
                 self._torque.read(at, on=servo.torque_enabled, stamp=stamp)
 
     @property
-    def mass(self) -> float:
-        """What each rolling motor needs by acceleration, A s²/m (or share of load), as learnt."""
-        return max(self._needs.mass, 0.0)
-
-    @property
     def off(self) -> list[bool]:
         """Which rolling motors are switched off while others are on."""
         return self._torque.off[: self._rolls]

@@ -182,15 +182,10 @@ class ForcedMotion:
         self.yields_s = YIELDS_S
         self._length_m = length
 
-    def adopt(self, gives_way: float, mass: float) -> None:
-        """What has been learnt of this robot's drives.
-
-        Args:
-            gives_way: By how much they are slower for what they push, m/s by A; 0: not known.
-            mass: What each pushes by acceleration, A s²/m.
-        """
-        if gives_way > 0.0:
-            self.yields_s = min(max(gives_way * mass, LEAST_YIELDS_S), MOST_YIELDS_S)
+    def adopt(self, yields_s: float) -> None:
+        """What has been learnt of this robot's drives; 0: nothing."""
+        if yields_s > 0.0:
+            self.yields_s = min(max(yields_s, LEAST_YIELDS_S), MOST_YIELDS_S)
 
     def move(self, seen: Observed, heading: Floats, before: Motion | None) -> Motion:
         """How the robot would move in a block if wheels stood like this.

@@ -138,16 +138,10 @@ class ReferenceErrors:
         """How much larger the variances of misses are than expected, shape (2 + n,)."""
         return np.asarray(np.minimum(self._scaling.factors, self._worst))
 
-    def adopt(self, gives_way: float, mass: float) -> None:
-        """What has been learnt of this robot's drives.
-
-        Args:
-            gives_way: By how much they are slower for what they push, m/s by A; 0: not known.
-            mass: What each needs by acceleration, A s²/m, as its current shows. Where wheels pull
-                each other that is too much, and what their power shows too little.
-        """
+    def adopt(self, gives_way: float) -> None:
+        """By how much drives are slower for what they push, m/s by A, as learnt; 0: not known."""
         if self.motion is not None:
-            self.motion.adopt(gives_way, math.sqrt(mass * (self._power.mass or mass)))
+            self.motion.adopt(gives_way * self._power.mass)
 
     @property
     def suspected(self) -> bool:

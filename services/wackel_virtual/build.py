@@ -39,7 +39,7 @@ class Build:
 
         return cls(
             between(0.02, 0.12),
-            between(0.03, 0.12),
+            between(0.02, 0.12),
             random.uniform(0.6, 1.0),
             random.uniform(0.6, 1.0),
             between(0.4, 1.2),
