@@ -102,7 +102,7 @@ class Reference:
         self._since: int | None = None  # when what is commanded now was
         self._interval = 0.0  # from one command to the next as a rule, ns
         self._begun = 0  # stamp up to which commands have been followed
-        self._doubtful: int | None = None  # since when it is which way wheels turn
+        self._doubtful: int | None = None  # since when it is not known which way wheels turn
         self._twist: Twist = (0.0, 0.0, 0.0)
         self._heading = [wheel.heading for wheel in config.wheels]
         self._speed = [0.0] * n

@@ -31,7 +31,7 @@ from wackel_virtual.motion import FRICTION_A
 Physics = Literal["fast", "mujoco"]
 
 STEERING_A = 0.8
-"""Of a steering servo whose torque is what turns a drive's tyre through."""
+"""Current of a steering servo, by its torque in the unit of efforts; its friction comes on top."""
 STEERING_LIMIT_RAD_S = 2 * pi
 """Greatest velocity of a steering servo (60 rev/min)."""
 STIFF_RAD = 0.1

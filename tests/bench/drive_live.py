@@ -106,7 +106,8 @@ def run(*, quick: bool = False) -> list[Table]:
             for live in lives.values():
                 live.robot.wait(live.robot.ready)
                 stack.enter_context(_pilot(live.directory))
-            time.sleep(learn_s)
+            for live in lives.values():  # while all of them drive
+                live.robot.listen(learn_s / len(lives))
             for live in lives.values():
                 live.robot.listen(1.0)
                 live.false = _drive_faults(live.robot)
