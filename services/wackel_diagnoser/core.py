@@ -10,6 +10,7 @@ from operator import or_
 import numpy as np
 
 from wackel_diagnoser.bank import Bank
+from wackel_diagnoser.command_times import FRESH_NS
 from wackel_diagnoser.commands import NO_COMMAND, CommandWatch, Complaint
 from wackel_diagnoser.constants import Shown
 from wackel_diagnoser.display import Display
@@ -19,7 +20,7 @@ from wackel_diagnoser.gyro_bias import GyroBias
 from wackel_diagnoser.history import History
 from wackel_diagnoser.hypotheses import Hypotheses
 from wackel_diagnoser.idle import IdleMotors
-from wackel_diagnoser.reference import FRESH_NS, Reference, Target
+from wackel_diagnoser.reference import Reference, Target
 from wackel_diagnoser.references import ReferenceErrors
 from wackel_diagnoser.reports import Finding, Reports
 from wackel_diagnoser.rows import MOVING_M_S, Measured, Rows

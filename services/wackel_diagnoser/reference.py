@@ -8,6 +8,7 @@ from typing import TypeAlias
 import msgspec
 import numpy as np
 
+from wackel_diagnoser.command_times import CommandTimes
 from wackel_diagnoser.drive_lags import DriveLags
 from wackel_diagnoser.steering_rate import SteeringRate
 from wackel_drive.alignment import Step
@@ -19,23 +20,14 @@ from wackel_schemas.drive import TwistCommand
 SETTLING_S = 0.15
 """A servo that turns as fast as it can takes longer than its lag: a quarter turn at 60 rev/min
 0.25 s."""
-FRESH_NS = 500_000_000
-"""A command older than this is no longer what drives the robot."""
 TELLS = 0.01
 """m/s and rad that a drive or a steering must still be off the command to tell of its lag; at rest,
 and at an even speed, nothing is learnt, and nothing forgotten."""
-MISSING = 1.5
-"""Times as long as usual after the last, before a command, another is missing."""
 JUMPS = 0.1
 """rad and m/s by which commands differ between which it matters that one was missed."""
 EITHER_RAD = 0.5
 """Turn of a wheel within commands one of which was missed, after which it is not known which way
 round the wheel turns: the one between may have been nearer to the opposite direction."""
-DOUBTFUL_NS, LONGEST_NS = 200_000_000, 2_000_000_000
-"""For how long that is so: until no wheel turns faster than this, but not for ever."""
-TURNING_RAD_S = 2.0
-USUAL = 0.05
-"""Share by which each interval changes what is usual: some twenty of them."""
 ALIGNED_RAD = 0.1
 """Wheels that have to turn by more than that slow each other down."""
 FASTEST = 20.0
@@ -99,10 +91,7 @@ class Reference:
             if not drive.steers[i]
         ]
         self._waiting: deque[tuple[int, Twist]] = deque(maxlen=_MOST_WAITING)
-        self._since: int | None = None  # when what is commanded now was
-        self._interval = 0.0  # from one command to the next as a rule, ns
-        self._begun = 0  # stamp up to which commands have been followed
-        self._doubtful: int | None = None  # since when it is not known which way wheels turn
+        self._times = CommandTimes()
         self._twist: Twist = (0.0, 0.0, 0.0)
         self._heading = [wheel.heading for wheel in config.wheels]
         self._speed = [0.0] * n
@@ -142,8 +131,7 @@ class Reference:
     def forget(self) -> None:
         """Time was started anew."""
         self._waiting.clear()
-        self._since = None
-        self._doubtful = None
+        self._times.forget()
         self._known = False
 
     def step(self, step: Step, learnt_s: float) -> Target:
@@ -156,15 +144,15 @@ class Reference:
         missed, before = False, self._goal
         while self._waiting and self._waiting[0][0] <= step.begin:
             stamp, twist = self._waiting.popleft()
-            if self._since is None or stamp > self._since:  # else another has overtaken it
-                missed |= self._has_missed(stamp)
-                self._since, self._twist = stamp, twist
+            if not self._times.is_overtaken(stamp):
+                missed |= self._times.follow(stamp)
+                self._twist = twist
                 self._aim()
-        self._begun = step.begin
+        self._times.pass_to(step.begin)
         if missed and max(map(abs, map(sub, self._goal[: self._n], before))) > EITHER_RAD:
-            self._doubtful = step.begin
-        since = self._since
-        if since is None or not 0 <= step.begin - since <= FRESH_NS or self._is_doubtful(step):
+            self._times.doubt(step.begin)
+        steered = (step.steered[i] for i in self._steered)
+        if not self._times.is_known(step.begin, steered, step.seconds):
             self._known = False
             return self._unknown
         heading = step.heading
@@ -269,27 +257,6 @@ class Reference:
         """A wheel stands so far off its reference, rad: so many half turns, if it is known."""
         self._halves[wheel] = round(off / math.pi) if math.isfinite(off) else 0
         self._sign = [1.0 - 2.0 * (self._halves[i] % 2) for i in self._rolls]
-
-    def _has_missed(self, stamp: int) -> bool:
-        """Whether a new command comes late, or after one that did not come: since when the drive
-        follows it is not known."""
-        since = self._since
-        if since is None:
-            return False
-        interval = min(stamp - since, FRESH_NS)
-        usual = self._interval or interval
-        self._interval = usual + USUAL * (interval - usual)
-        return stamp <= self._begun or interval > MISSING * usual
-
-    def _is_doubtful(self, step: Step) -> bool:
-        """Whether a command was missed, and wheels still turn to where it had them go."""
-        if self._doubtful is None:
-            return False
-        for_ns, most = step.begin - self._doubtful, TURNING_RAD_S * step.seconds
-        rests = all(abs(step.steered[i]) < most for i in self._steered)
-        if not 0 <= for_ns < DOUBTFUL_NS and (rests or not 0 <= for_ns < LONGEST_NS):
-            self._doubtful = None
-        return self._doubtful is not None
 
     def _shown(self, heading: list[float], rates: list[float]) -> list[float]:
         """Headings and rolling speeds as the state has them, but measured."""

@@ -39,7 +39,7 @@ class SteeringRate:
         self._before = [0.0] * wheels, 1.0  # rad, s
         self._usual_s = self._unsure_s = 0.0  # how long a step is, and by how much it is not
         self._turning = [(0.0, 0.0)] * wheels  # how far, rad, and how long each turns fast, s
-        self._some = False  # turns fast
+        self._one_is_fast = False
 
     def step(self, turned: list[float], seconds: float) -> None:
         """Takes in a step.
@@ -55,7 +55,7 @@ class SteeringRate:
         most = self.now * seconds
         before, self._before = self._before, (turned, seconds)
         # Not so if the first is not known.
-        if max(turned) <= most and min(turned) >= -most and not self._some:
+        if max(turned) <= most and min(turned) >= -most and not self._one_is_fast:
             return
         for i, (now, then) in enumerate(zip(turned, before[0], strict=True)):
             angle, took = self._turning[i]
@@ -70,4 +70,4 @@ class SteeringRate:
             rate = (angle - self._encoder_step) / (took + self._unsure_s)
             if took > LONG_S and self.now < rate <= MOST:
                 self.now = rate
-        self._some = any(took for _, took in self._turning)
+        self._one_is_fast = any(took for _, took in self._turning)

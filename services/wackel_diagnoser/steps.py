@@ -195,13 +195,20 @@ class PaperSteps:
             twists: Of the candidates that Step I leaves.
             sound: Which of those each component leaves sound.
         """
-        result = []
-        for path, each in zip(self._suspects, sound, strict=True):
-            agreeing, others = [*compress(twists, each)], compress(twists, map(not_, each))
-            agree = len(agreeing) >= 2 and self._agree(agreeing)
-            apart = all(self._apart(twist, other) for twist in others for other in agreeing)
-            result.append(Redundancy(component=path, agree=agree, apart=apart))
-        return result
+        # Pairs of candidates by the hundred: numpy is faster with them than Python.
+        each = np.array(twists)
+        far = (np.abs(each[:, None] - each) > self._tolerance).any(axis=2).astype(np.float64)
+        inside = np.array(sound, dtype=np.float64)
+        outside, sizes = 1.0 - inside, inside.sum(axis=1)
+        from_inside = inside @ far
+        agree = (sizes >= 2) & (np.vecdot(from_inside, inside) == 0)
+        apart = np.vecdot(from_inside, outside) == sizes * outside.sum(axis=1)
+        return [
+            Redundancy(component=path, agree=agree, apart=apart)
+            for path, agree, apart in zip(
+                self._suspects, agree.tolist(), apart.tolist(), strict=True
+            )
+        ]
 
     def _consistent(
         self, twists: list[list[float]], sound: list[list[bool]], redundancy: list[Redundancy]

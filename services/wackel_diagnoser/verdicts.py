@@ -383,13 +383,9 @@ class Verdicts:
     def _test(self, path: str, part: str, wheel: int) -> KindTest:
         """Of a component that is named, and which part of which wheel that is."""
         own = self._rolls.index(wheel) if part == "drive" else len(self._rolls) + wheel
-        own_rows, others_rows = (
-            self._hypotheses.own_rows(path),
-            np.zeros(self._rows.count, np.bool_),
-        )
-        for other in self.components:
-            if other != path:
-                others_rows |= self._hypotheses.own_rows(other)
+        own_rows = self._hypotheses.own_rows(path)
+        others = [self._hypotheses.own_rows(other) for other in self.components if other != path]
+        others_rows = np.any([np.zeros_like(own_rows), *others], axis=0)
         return KindTest(own_rows, others_rows & ~own_rows, self._rows.gyros, own, len(self._rolls))
 
     def _are_dragged(self, added: set[str]) -> bool:

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from random import Random
 from typing import Self
 
+from wackel_virtual.motion import TIME_CONSTANT_S
+
 
 @dataclass(frozen=True)
 class Build:
@@ -21,7 +23,7 @@ class Build:
         rolling_A: Current that it needs to turn its wheel at :data:`FAST_M_S`.
     """
 
-    lag_s: float = 0.05
+    lag_s: float = TIME_CONSTANT_S
     droop_m_s: float = 0.06
     gyration: float = 0.8
     friction: float = 0.8
