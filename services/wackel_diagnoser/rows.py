@@ -8,6 +8,7 @@ calibration: it is constant, so that hours of one motion say nothing of the next
 """
 
 import math
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise, repeat
 from operator import add, mul, sub
@@ -68,6 +69,9 @@ SLOWEST = 0.01
 """m/s; a faulty wheel of a robot at rest is not off by less."""
 TREMBLE = 0.02
 """rad/s by which a gyro may be off without any motion."""
+RECENT = 16
+"""Steps, from which it is known where drives are going once no command tells it: twice the lag of a
+soft servo."""
 YAW = 0.3
 """Share of speed by length by which a fault changes the yaw rate."""
 MOVING_M_S = 0.05
@@ -215,6 +219,8 @@ class Rows:
         step = config.encoder_step / math.sqrt(6)  # of a difference, or a mean of two
         self._turning = Transients([step] * drive.n)
         self._hastening = Transients((drive.roll_radius * step / STEP_S).tolist())
+        # Where wheels stood, how they rolled, and for how long, while a command was known.
+        self._recent: deque[tuple[list[float], list[float], float]] = deque(maxlen=RECENT)
         self._gyro_before = self._turned = self._no_gyros
         self._usual_s = 0.0  # length of a step
         self._missed, self._shakes = self._no_rolls, 0.0  # of the last step
@@ -302,6 +308,7 @@ class Rows:
             turning_rolls = [lever * omega for lever in rows[1][self.rolls, 2].tolist()]
             yielded = [way * load for load in loads(dt, speeds, turning_rolls)]
             missed = [*map(sub, map(sub, rolled, speeds), yielded)]
+            self._recent.append((stands, rolled, dt))
         else:
             rows = drive.known_rows(stands) if whole else _any_rows(drive, stands)
             forced, mean, made = self._untold_slip(rows[0], stands, rolled, dt)
@@ -400,6 +407,13 @@ class Rows:
             rolled: At which each roll row's rolls, m/s.
             dt: Of the step, s.
         """
+        if self._recent:
+            self._turning.forget()
+            self._hastening.forget()
+            for stood, did, seconds in self._recent:
+                self._turning.step(stood, seconds)
+                self._hastening.step(did, seconds)
+            self._recent.clear()
         turning, hastening = self._turning.step(stands, dt), self._hastening.step(rolled, dt)
         speed = max((abs(each) for each in rolled if math.isfinite(each)), default=0.0)
         # One that is still turned rolls at what it shall do once it is there.

@@ -26,6 +26,11 @@ class Transients:
         self._past: list[float] | None = None
         self._gaps = [0.0] * len(self._least)
 
+    def forget(self) -> None:
+        """What comes next is another time."""
+        self._past = None
+        self._gaps = [0.0] * len(self._least)
+
     def step(self, shown: list[float], seconds: float) -> list[float]:
         """A step has passed.
 

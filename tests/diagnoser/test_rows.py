@@ -31,15 +31,23 @@ class Moving:
         self.reference = Reference(self.layout, config)
         self._end = STEP_NS
 
-    def command(self, *, omega: float = 0.0) -> None:
-        """That they shall."""
-        self.reference.command(TwistCommand(stamp=self._end, vx=0.5, vy=0.0, omega=omega))
+    def command(self, *, omega: float = 0.0, along: float = 0.0) -> None:
+        """That they shall; ``along``: which way, rad."""
+        vx, vy = 0.5 * math.cos(along), 0.5 * math.sin(along)
+        self.reference.command(TwistCommand(stamp=self._end, vx=vx, vy=vy, omega=omega))
 
-    def shown(self, *, lost: int | None = None, load: float = 0.0, yaw: float = 0.01) -> Shown:
+    def shown(
+        self,
+        *,
+        lost: int | None = None,
+        load: float = 0.0,
+        yaw: float = 0.01,
+        stands: float = 0.0,
+    ) -> Shown:
         """The next step; ``lost``: the wheel that has not been heard of; ``load``: of the first
-        motor; ``yaw``: what the gyro shows."""
+        motor; ``yaw``: what the gyro shows; ``stands``: where all wheels do, rad."""
         drive = self.layout.drive
-        heading = np.where(drive.steers, 0.0, np.nan)
+        heading = np.where(drive.steers, stands, np.nan)
         steered = np.where(drive.steers, 0.0, np.nan)
         rate = np.full(drive.n, 10.0)
         if lost is not None:
@@ -105,6 +113,25 @@ def test_wheels_that_steer_late_are_expected_to_pull_each_other() -> None:
         slips.append(np.sqrt(moving.shown().measured.loose[moving.rows.rolls]))
     at_once, late = slips
     assert (late > at_once + 0.005).all()
+
+
+def test_wheels_that_turn_are_known_to_pull_each_other_once_no_command_is_known() -> None:
+    """As if none had been known before: one that is lost while wheels turn makes no fault."""
+    slips = []
+    for told in (True, False):
+        moving = Moving(steered_drive(4))
+        for hundredths in range(50):
+            if told:
+                moving.command(along=hundredths / 100)
+            moving.shown(stands=hundredths / 100)
+        moving.shown(stands=0.5)
+        if told:
+            moving.command(along=1.0)
+        shown = moving.shown(stands=0.51)
+        assert not shown.target.known
+        slips.append(np.sqrt(shown.measured.loose[moving.rows.slides]))
+    assert (slips[1] > 0.01).all()
+    assert slips[0] == pytest.approx(slips[1], rel=0.15)
 
 
 def test_a_drive_that_pushes_may_be_slower() -> None:
