@@ -8,7 +8,6 @@ calibration: it is constant, so that hours of one motion say nothing of the next
 """
 
 import math
-from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise, repeat
 from operator import add, mul, sub
@@ -18,7 +17,7 @@ import msgspec
 import numpy as np
 
 from wackel_diagnoser.reference import Target
-from wackel_diagnoser.transients import Transients
+from wackel_diagnoser.transients import Untold
 from wackel_diagnoser.tyres import Tyres
 from wackel_drive.alignment import UNCERTAIN_S, Step
 from wackel_drive.layout import Layout
@@ -69,9 +68,6 @@ SLOWEST = 0.01
 """m/s; a faulty wheel of a robot at rest is not off by less."""
 TREMBLE = 0.02
 """rad/s by which a gyro may be off without any motion."""
-RECENT = 16
-"""Steps, from which it is known where drives are going once no command tells it: twice the lag of a
-soft servo."""
 YAW = 0.3
 """Share of speed by length by which a fault changes the yaw rate."""
 MOVING_M_S = 0.05
@@ -217,10 +213,7 @@ class Rows:
         # For when no command tells.
         self._row_wheels: list[int] = drive.row_wheels.tolist()
         step = config.encoder_step / math.sqrt(6)  # of a difference, or a mean of two
-        self._turning = Transients([step] * drive.n)
-        self._hastening = Transients((drive.roll_radius * step / STEP_S).tolist())
-        # Where wheels stood, how they rolled, and for how long, while a command was known.
-        self._recent: deque[tuple[list[float], list[float], float]] = deque(maxlen=RECENT)
+        self._untold_drives = Untold([step] * drive.n, (drive.roll_radius * step / STEP_S).tolist())
         self._gyro_before = self._turned = self._no_gyros
         self._usual_s = 0.0  # length of a step
         self._missed, self._shakes = self._no_rolls, 0.0  # of the last step
@@ -304,15 +297,15 @@ class Rows:
             off = [heading[i] - told[i] for i in steered]
             rows = drive.known_rows(stands, aimed) if whole else _any_rows(drive, stands, aimed)
             forced, mean, made = self._tyres.slip(rows[1], speeds)
-            present, omega, way = self.every, made[2], -self.gives_way
-            turning_rolls = [lever * omega for lever in rows[1][self.rolls, 2].tolist()]
+            present, followed, way = self.every, made, -self.gives_way
+            turning_rolls = [lever * made[2] for lever in rows[1][self.rolls, 2].tolist()]
             yielded = [way * load for load in loads(dt, speeds, turning_rolls)]
             missed = [*map(sub, map(sub, rolled, speeds), yielded)]
-            self._recent.append((stands, rolled, dt))
+            self._untold_drives.told(stands, rolled, dt)
         else:
             rows = drive.known_rows(stands) if whole else _any_rows(drive, stands)
             forced, mean, made = self._untold_slip(rows[0], stands, rolled, dt)
-            off, present = self._no_steering, self._untold
+            off, present, followed = self._no_steering, self._untold, _NO_TWIST
             missed = speeds = yielded = turning_rolls = self._no_rolls
         h = self._h.copy()
         h[: self._constraints] = rows[0]
@@ -334,7 +327,6 @@ class Rows:
         lagging = [*map(mul, sliding, lag)] if len(lag) == len(sliding) else self._no_slides
         creep = self._tyres.creep(rows[-1], made, mean, speed, dt)
         mean += creep
-        followed = made if target.known else _NO_TWIST
         gaps, slides, uneven = target.heading_gap, len(sliding), self._uneven(missed, speeds, dt)
         # While wheels turn, their references contradict each other: they really slip.
         droop = DROOP_M_S * mean / (mean + GRIP_M_S)
@@ -407,14 +399,7 @@ class Rows:
             rolled: At which each roll row's rolls, m/s.
             dt: Of the step, s.
         """
-        if self._recent:
-            self._turning.forget()
-            self._hastening.forget()
-            for stood, did, seconds in self._recent:
-                self._turning.step(stood, seconds)
-                self._hastening.step(did, seconds)
-            self._recent.clear()
-        turning, hastening = self._turning.step(stands, dt), self._hastening.step(rolled, dt)
+        turning, hastening = self._untold_drives.step(stands, rolled, dt)
         speed = max((abs(each) for each in rolled if math.isfinite(each)), default=0.0)
         # One that is still turned rolls at what it shall do once it is there.
         forced = [speed * turning[i] for i in self._row_wheels]

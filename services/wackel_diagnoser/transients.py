@@ -5,11 +5,15 @@ smoothed with the same lag. So what stays as it is has reached its goal, and wha
 """
 
 import math
+from collections import deque
 
 LAG_S = 0.08
 """Of a soft servo; see :data:`~wackel_diagnoser.drive_lags.LAGS_S`."""
 SETTLING_S = 0.15
 """As in :mod:`wackel_diagnoser.reference`: what has ended still shows."""
+RECENT = 16
+"""Steps from which it is known where drives are going once no command tells it any more: twice the
+lag."""
 ROUNDED = 3.0
 """Rounding errors, below which nothing has changed."""
 
@@ -24,11 +28,6 @@ class Transients:
     def __init__(self, rounding: list[float]) -> None:
         self._least = [ROUNDED * each for each in rounding]
         self._past: list[float] | None = None
-        self._gaps = [0.0] * len(self._least)
-
-    def forget(self) -> None:
-        """What comes next is another time."""
-        self._past = None
         self._gaps = [0.0] * len(self._least)
 
     def step(self, shown: list[float], seconds: float) -> list[float]:
@@ -51,3 +50,49 @@ class Transients:
             now.append(smoothed if math.isfinite(smoothed) else was if math.isfinite(was) else is_)
         self._past = now
         return self._gaps
+
+
+class Untold:
+    """Follows steering and rolling, mostly for the time in which no command is known.
+
+    Args:
+        headings: Rounding of the headings of all wheels, rad.
+        speeds: Of the speeds of those that roll by themselves, m/s.
+    """
+
+    def __init__(self, headings: list[float], speeds: list[float]) -> None:
+        self._roundings = headings, speeds
+        self._recent: deque[tuple[tuple[list[float], list[float]], float]] = deque(maxlen=RECENT)
+        self._begin()
+
+    def told(self, stands: list[float], rolled: list[float], seconds: float) -> None:
+        """A step has passed in which a command was known; as :meth:`step`."""
+        self._recent.append(((stands, rolled), seconds))
+
+    def step(
+        self, stands: list[float], rolled: list[float], seconds: float
+    ) -> tuple[list[float], list[float]]:
+        """One has passed in which none was.
+
+        Args:
+            stands: Where each wheel stands, rad; NaN if that is not known.
+            rolled: How each rolls, m/s; as above.
+            seconds: Its length.
+
+        Returns:
+            How far each is from its goal, as :meth:`Transients.step`.
+        """
+        if self._recent:
+            self._begin()
+            for shown, took in self._recent:
+                self._step(*shown, took)
+            self._recent.clear()
+        return self._step(stands, rolled, seconds)
+
+    def _begin(self) -> None:
+        self._turning, self._hastening = map(Transients, self._roundings)
+
+    def _step(
+        self, stands: list[float], rolled: list[float], seconds: float
+    ) -> tuple[list[float], list[float]]:
+        return self._turning.step(stands, seconds), self._hastening.step(rolled, seconds)
