@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from wackel_diagnoser.constants import Constants, Shown
+from wackel_diagnoser.constants import GIVES_WAY, Constants, Shown
 from wackel_diagnoser.hypotheses import Class
 from wackel_diagnoser.rows import UNKNOWN, YAWING, Rows
 from wackel_diagnoser.scaling import Scaling
@@ -272,7 +272,11 @@ class SmallFaults:
         creep = [
             [[(each / length) ** 2]] for each, length in zip(self._creep, WINDOWS, strict=True)
         ]
-        unsure = covariance + self._accurate + creep * self._creeping
+        # At an even speed the currents' noise makes drives seem not to give way, ever more surely.
+        # So that is as little known as before driving, and all that was concluded with it.
+        at = self._constants.gives_way
+        with_it = GIVES_WAY * covariance[:, at] / covariance[at, at]
+        unsure = covariance + np.outer(with_it, with_it) + self._accurate + creep * self._creeping
         forced = self._forced_slip(self._told, usual)
         tests = _Tests(self._changes, self._told, usual, unsure, forced)
         if found is not None and self._ended(tests, found):

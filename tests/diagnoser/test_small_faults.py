@@ -183,6 +183,15 @@ def test_bad_calibration_that_turns_the_robot_is_no_change_of_the_gyro() -> None
     assert rig.reports == []
 
 
+@pytest.mark.parametrize("number", [0, 54])
+def test_drives_that_give_way_are_no_fault_on_the_next_circle(number: int) -> None:
+    """One even motion does not show how much they do; on the next, wheels pull them otherwise."""
+    soft = Build(droop_m_s=0.12, grip_A=0.45)
+    rig = Rig.of(f"soft/{number}", 3, driving="circles", build=soft, shown=False)
+    rig.drive(75.0)
+    assert not rig.reports
+
+
 def test_what_stands_is_no_small_fault() -> None:
     driven, small = followed(steered_drive(4))
     driven.scale[1] = 0.0
