@@ -6,6 +6,7 @@ Time is the stamps of the messages, so a recording gives the same as the robot.
 import math
 from collections import Counter
 from collections.abc import Collection, Mapping
+from itertools import compress
 from operator import gt
 
 import numpy as np
@@ -20,7 +21,8 @@ from wackel_odometry.filter import FIRST_BIAS, OMEGA, POSE, TWIST, PlanarFilter
 from wackel_odometry.gate import GATE, Verdict, gate
 from wackel_odometry.gyro_watch import GyroWatch
 from wackel_odometry.reports import Complaint, Reports
-from wackel_odometry.rows import Measurements, Rows, blocked, counted_once
+from wackel_odometry.rows import Measurements, Rows, blocked
+from wackel_odometry.slip import SETTLING_S
 from wackel_odometry.standstill import REST_SIGMA, Standstill
 from wackel_odometry.witness import Witness
 from wackel_schemas import component
@@ -98,6 +100,7 @@ class Odometer:
         self._excluded: list[Exclusion] = []
         self._block(())
         self._slipping = False
+        self._pulled = 1.0  # factor by which wheels that pull each other are less exact than others
         self._rejections = [0] * len(self._rows.names)
         self._contradicted = [0.0] * len(settings)  # s of each gyro against wheels at rest
         self._latest: Odometry | None = None
@@ -223,7 +226,9 @@ class Odometer:
 
     def _step(self, step: Step) -> Odometry:
         rates = zip(self._gyros.values(), step.gyro_rate, strict=True)
-        step = replace(step, gyro_rate=[watch.usable(step, rate) for watch, rate in rates])
+        usable_rates = [watch.usable(step, rate) for watch, rate in rates]
+        if usable_rates != step.gyro_rate:
+            step = replace(step, gyro_rate=usable_rates)
         self._silent = self._backlog = False
         estimator = self._filter
         estimator.seconds = step.seconds
@@ -247,13 +252,20 @@ class Odometer:
     def _move(self, rows: Measurements, usable: Bools, seconds: float) -> Verdict:
         """Takes in what passes the gates."""
         estimator, z, h = self._filter, rows.z, rows.h
-        instant, lasting = rows.white + rows.systematic, counted_once(rows, seconds)
-        if not all(usable.tolist()):
-            z, h, instant, lasting = z[usable], h[usable], instant[usable], lasting[usable]
+        variance, whole = rows.at_once, all(usable.tolist())
+        if not whole:
+            z, h, variance = z[usable], h[usable], variance[usable]
         measured = estimator.expect(z, h)
-        verdict = gate(measured.innovation, measured.spread, instant)
-        kept = verdict.accepted
-        if not all(kept.tolist()):
+        before = 1.0 + (self._pulled - 1.0) * math.exp(-seconds / SETTLING_S)
+        verdict = gate(
+            measured.innovation, measured.spread, variance, before=before, most=rows.pulled
+        )
+        self._pulled = verdict.pulled
+        lasting = self._rows.pulled(rows, verdict.pulled, seconds)
+        if not whole:
+            lasting = lasting[usable]
+        if not all(verdict.accepted):
+            kept = np.array(verdict.accepted)
             measured, lasting = measured.only(kept), lasting[kept]
         if len(lasting):
             estimator.correct(measured, lasting, learn_bias=False)
@@ -283,11 +295,12 @@ class Odometer:
             h = np.concatenate((h, rows.h[gyros]))
             variance = np.concatenate((variance, rows.white[gyros]))
         estimator.correct(estimator.expect(z, h), variance, learn_bias=True)
-        innovation = np.concatenate((rows.z[:first], off))
-        spread = np.concatenate((np.sqrt(rows.white[:first]), sigma))
+        innovation = [*rows.z[:first].tolist(), *off]
+        spread = [*np.sqrt(rows.white[:first]).tolist(), *sigma]
         if usable is not self._rows.every:
-            innovation, spread = innovation[usable], spread[usable]
-        return Verdict(self._rows.every[: len(innovation)], innovation, spread)
+            used = usable.tolist()
+            innovation, spread = [*compress(innovation, used)], [*compress(spread, used)]
+        return Verdict([True] * len(innovation), innovation, spread)
 
     def _off(self, rows: Measurements, heard: list[bool]) -> tuple[list[float], list[float]]:
         """What each gyro shows beyond its bias, 0 where it is not used; and how far it may be."""
@@ -302,18 +315,17 @@ class Odometer:
     ) -> None:
         """Holds each gyro against the yaw rate that the rest says, which its innovation leaves."""
         if self._gyros:
-            judged = usable.nonzero()[0].tolist()
-            shown, x = rows.z.tolist(), self._filter.x.tolist()
+            first, x = self._rows.wheels, self._filter.x.tolist()
+            shown, used = rows.z[first:].tolist(), usable.tolist()
             for i, watch in enumerate(self._gyros.values()):
-                row, bias, others = self._rows.wheels + i, x[FIRST_BIAS + i], x[OMEGA]
+                bias, others = x[FIRST_BIAS + i], x[OMEGA]
                 if standing:
                     others = 0.0  # else a bias that is learned looks like a turn
-                elif row in judged:
-                    at = judged.index(row)
+                elif used[first + i]:
+                    at = sum(used[: first + i])  # among those that were judged
                     known = verdict.sigma[at] ** 2 < BLIND_VARIANCE[2]
-                    others = shown[row] - bias - float(verdict.innovation[at])
-                    others = others if known else math.nan
-                watch.step(step, others, shown[row], bias)
+                    others = shown[i] - bias - verdict.innovation[at] if known else math.nan
+                watch.step(step, others, shown[i], bias)
 
     def _odometry(
         self, step: Step, rows: Measurements, usable: Bools, verdict: Verdict, standing: bool
@@ -359,12 +371,7 @@ class Odometer:
         )
 
     def _input_states(self, usable: Bools, verdict: Verdict) -> list[InputState]:
-        judged = zip(
-            verdict.accepted.tolist(),
-            verdict.innovation.tolist(),
-            verdict.sigma.tolist(),
-            strict=True,
-        )
+        judged = zip(verdict.accepted, verdict.innovation, verdict.sigma, strict=True)
         states = []
         for i, (name, used) in enumerate(zip(self._rows.names, usable.tolist(), strict=True)):
             if not used:

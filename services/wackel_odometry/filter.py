@@ -24,6 +24,8 @@ AGILITY = np.array([0.4, 0.4, 10.0])
 """Density of the twist's random walk, (m/s²)² s and (rad/s²)² s: 2 m/s² and 10 rad/s² kept up for
 0.1 s, a servo robot that starts or stops. The measurements of one step outweigh it by far, so it
 only says how much of the earlier twist is left to judge them by."""
+UNKNOWN_TWIST = (1.0, 1.0, 4.0)
+"""Squares of m/s, m/s and rad/s, that a robot may drive with of which nothing is known."""
 BIAS_TIME_S = 100.0
 """Time in which a gyro's bias wanders by its stability."""
 FASTEST = 1e3
@@ -83,6 +85,7 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         self.P[POSE, POSE] += np.diag([position_sigma**2, position_sigma**2, heading_sigma**2])
         self.x[TWIST] = 0.0
         self.P[TWIST, :] = self.P[:, TWIST] = 0.0
+        self.P[TWIST, TWIST] = np.diag(UNKNOWN_TWIST)
 
     def set_pose(self, pose: Floats, position_sigma: float, heading_sigma: float) -> None:
         """The robot is here, known so well; all that was correlated with the old pose is not."""
@@ -113,7 +116,7 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         f[0, 3], f[0, 4], f[0, 5] = cos, -sin, -dy * dt / 2
         f[1, 3], f[1, 4], f[1, 5] = sin, cos, dx * dt / 2
         f[2, 5] = dt
-        self.P.flat[:: len(f) + 1] += self._walk * dt
+        self.P.reshape(-1)[:: len(f) + 1] += self._walk * dt
 
     def expect(self, z: Floats, h: Floats) -> Expected:
         """Holds measurements against the state.
@@ -160,5 +163,5 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         return (
             math.isfinite(sum(state) + sum(covariance))  # not so if any of them is not
             and min(covariance[:: len(state) + 1]) >= 0.0
-            and all(abs(speed) < FASTEST for speed in state[TWIST])
+            and max(map(abs, state[TWIST])) < FASTEST
         )

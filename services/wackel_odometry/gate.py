@@ -1,33 +1,51 @@
 """Which measurements to believe: each is held against the prediction and all the others."""
 
+import math
+from operator import mul, truediv
 from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.blas import dsymv
 from scipy.linalg.lapack import dpotrf, dpotri
 
-from wackel_kinematics.array import Bools, Floats
+from wackel_kinematics.array import Floats
 
 GATE = 16.0
 """Square of the 4 standard deviations at which a measurement is rejected (facts: y² < 16 S): of
 normal ones, 6 in 100 000."""
+LEAST_OWN = 1e-30
+"""One over a variance of nothing that is measured; less is rounding, and would be no number."""
+TOLD = 3
+"""Numbers of a twist, which measurements decide themselves: the prediction leaves them open."""
 
 
 class Verdict(NamedTuple):
-    """What the gates say; shapes (m,).
+    """What the gates say of each of m measurements.
+
+    Single numbers: for some measurements, Python is faster with them than numpy.
 
     Attributes:
         accepted: Whether each is believed.
         innovation: How far it is from what prediction and the other accepted ones say of it.
         sigma: Standard deviation that this should have.
+        pulled: By how much larger all variances are than expected, as a factor, for measurements
+            contradict each other; at least 1.
     """
 
-    accepted: Bools
-    innovation: Floats
-    sigma: Floats
+    accepted: list[bool]
+    innovation: list[float]
+    sigma: list[float]
+    pulled: float = 1.0
 
 
-def gate(innovation: Floats, spread: Floats, variance: Floats) -> Verdict:
+def gate(
+    innovation: Floats,
+    spread: Floats,
+    variance: Floats,
+    *,
+    before: float = 1.0,
+    most: float = 1.0,
+) -> Verdict:
     """Judges measurements that were made at the same time.
 
     With S = H P Hᵀ + R, what measurement i says beyond the prediction and all others is
@@ -35,39 +53,63 @@ def gate(innovation: Floats, spread: Floats, variance: Floats) -> Verdict:
     other wheels, even where the prediction alone leaves much open. The worst is taken out until
     the rest agree.
 
+    Where wheels may pull each other, all contradict each other a little, and none should be taken
+    out for that. Without measurement i, the others contradict prediction and each other by
+    yᵀ S⁻¹ y less the square of what i says beyond them by its variance: what is left of that
+    without the one that stands out most is by how much larger variances are, if it may be so much.
+
     Args:
         innovation: Measurements less what is predicted, y, shape (m,).
         spread: Covariance of what is predicted of them, H P Hᵀ, shape (m, m).
         variance: Of the measurements, diagonal of R, shape (m,).
+        before: By how much larger variances have been of late, as a factor.
+        most: And at most may be.
     """
     s = spread.copy()
     s.reshape(-1)[:: len(s) + 1] += variance
-    alone, sigma = all_alone, all_sigma = _left_out(s, innovation)
-    accepted = np.array([True] * len(innovation), dtype=np.bool_)
-    while (worst := _worst(alone, sigma)) is not None:
-        accepted[accepted.nonzero()[0][worst]] = False
-        kept = accepted.nonzero()[0]
-        alone, sigma = _left_out(s[np.ix_(kept, kept)], innovation[kept])
-        all_alone[kept], all_sigma[kept] = alone, sigma
-    return Verdict(accepted, all_alone, all_sigma)
+    told = _left_out(s, innovation)
+    count = len(innovation)
+    pulled = 1.0
+    if most > 1.0 and (spare := count - 1 - TOLD) > 0:
+        left = float(innovation.dot(told.weight)) - max(told.squares)
+        pulled = max(min(max(left / spare, before), most), 1.0)
+    alone, own, kept = told.alone, told.own, list(range(count))
+    while told.squares and (farthest := max(told.squares)) > GATE * pulled:
+        del kept[told.squares.index(farthest)]
+        told = _left_out(s[np.ix_(kept, kept)], innovation[kept])
+        for at, apart, known in zip(kept, told.alone, told.own, strict=True):
+            alone[at], own[at] = apart, known
+    accepted = [True] * count
+    if len(kept) < count:
+        accepted = [at in kept for at in range(count)]
+    return Verdict(accepted, alone, [math.sqrt(pulled / each) for each in own], pulled)
 
 
-def _worst(alone: Floats, sigma: Floats) -> int | None:
-    """Which is the farthest off; ``None`` if none is beyond the gate."""
-    if not len(alone):
-        return None
-    off = np.abs(alone / sigma)
-    at = int(off.argmax())
-    return at if off[at] ** 2 > GATE else None
+class _LeftOut(NamedTuple):
+    """What measurements say beyond all others.
+
+    Attributes:
+        weight: S⁻¹ y, shape (m,).
+        own: Diagonal of S⁻¹: one over the variance of the next.
+        alone: Innovation of each given all others.
+        squares: Of these by their variances.
+    """
+
+    weight: Floats
+    own: list[float]
+    alone: list[float]
+    squares: list[float]
 
 
-def _left_out(s: Floats, y: Floats) -> tuple[Floats, Floats]:
-    """Innovation of each given all others, and its standard deviation."""
+def _left_out(s: Floats, y: Floats) -> _LeftOut:
     if not len(y):
-        return np.zeros(0), np.zeros(0)
+        return _LeftOut(y, [], [], [])
     # LAPACK without numpy's or scipy's checks, which take longer than a matrix of this size.
     factor, _ = dpotrf(s, lower=True)
     lower, _ = dpotri(factor, lower=True)
-    own = lower.diagonal()
     # dsymv reads the lower triangle only.
-    return dsymv(1.0, lower, y, lower=True) / own, 1.0 / np.sqrt(own)
+    weight = dsymv(1.0, lower, y, lower=True)
+    weights = weight.tolist()
+    own = [max(each, LEAST_OWN) for each in lower.diagonal().tolist()]
+    alone = [*map(truediv, weights, own)]
+    return _LeftOut(weight, own, alone, [*map(mul, weights, alone)])

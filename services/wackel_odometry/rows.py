@@ -1,13 +1,15 @@
 """What wheels and gyros measure of the twist in one step, and how well.
 
 Each wheel gives a slide row and a roll row (:mod:`wackel_kinematics.drive`), each gyro one row.
-An error has two parts. The white one is new in every step. The systematic one, from radii and
-directions that are not quite as configured, stays for as long as the robot moves in the same way;
-the filter, which takes all errors for white, must count it as one sample in that time.
+An error has three parts. The white one is new in every step. The systematic one, from radii and
+directions that are not quite as configured, stays for as long as the robot moves in the same way.
+And wheels slip (:mod:`wackel_odometry.slip`), for as long as a change of motion takes. The filter,
+which takes all errors for white, must count what stays as one sample in that time.
 """
 
 import math
 from collections.abc import Collection, Mapping
+from struct import Struct
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +20,7 @@ from wackel_kinematics.array import Bools, Floats
 from wackel_kinematics.planar import velocity_at
 from wackel_node.config_drive import DriveConfig, GyroConfig
 from wackel_odometry.filter import FIRST_BIAS, OMEGA, TWIST
+from wackel_odometry.slip import LASTS_S, Slip
 from wackel_schemas import component
 
 SAME_MOTION_S = 3.0
@@ -39,14 +42,19 @@ class Measurements(NamedTuple):
         z: Values, m/s and rad/s, shape (m,).
         h: Rows on the state, shape (m, 6 + g).
         white: Variance of the white errors, shape (m,).
-        systematic: Variance of the systematic errors, shape (m,).
+        at_once: Of all errors in this step, but of slip, shape (m,).
+        lasting: Of all errors, with which those that stay count once in that time, shape (m,).
+        pulled: By how much larger errors of wheels may be where these pull each other, as a factor,
+            at least 1.
         present: Which have a value, shape (m,).
     """
 
     z: Floats
     h: Floats
     white: Floats
-    systematic: Floats
+    at_once: Floats
+    lasting: Floats
+    pulled: float
     present: Bools
 
 
@@ -92,11 +100,13 @@ class Rows:
         density = np.array([each.noise_density for each in settings])
         # The difference of two positions, each off by up to half an encoder step.
         quantum = drive.roll_radius * config.encoder_step / math.sqrt(6)
-        # In every step, by 1/dt, and by 1/dt².
-        self._white = np.zeros((len(self.names), 3))
-        self._white[: len(slides), 0] = CREEP**2
-        self._white[self._gyros, 1] = density**2
-        self._white[len(slides) : self.wheels, 2] = quantum**2
+        # In every step, by 1/dt, by 1/dt², and what they creep; the first time without that.
+        white = np.zeros((2, len(self.names), 4))
+        white[:, : len(slides), 0] = CREEP**2
+        white[:, self._gyros, 1] = density**2
+        white[:, len(slides) : self.wheels, 2] = quantum**2
+        white[1, : self.wheels, 3] = 1.0
+        self._white = white.reshape(-1, 4)
         self._share = np.concatenate(
             [
                 np.full(len(slides), config.steering_error),
@@ -117,7 +127,9 @@ class Rows:
         # Where the slide row of a wheel finds its rolling speed; -1 where it has none.
         self._roll_of_slide = [rolls.index(i) if i in rolls else -1 for i in slides]
         self._all_roll = min(self._roll_of_slide, default=0) >= 0
+        self._slip = Slip(layout)
         count = len(self.names)
+        self._pack = Struct(f"{3 * count}d").pack
         self.every: Bools = np.ones(count, dtype=np.bool_)
         self._h = np.zeros((count, FIRST_BIAS + len(gyros)))
         for i in range(len(gyros)):
@@ -158,23 +170,46 @@ class Rows:
             0.0 if wheel is None else speed * turned[wheel] * late
             for speed, wheel in zip(sliding, self._lagging, strict=True)
         ]
-        values = np.fromiter(
-            [
+        # Twice as fast as to make an array of a list.
+        values = np.frombuffer(
+            self._pack(
                 *(*self._no_slides, *rolled, *turning),
                 # What errors are shares of, and what comes of lags.
                 *(*sliding, *rolled, *turning),
                 *(*lag, *self._no_rolls, *self._no_gyros),
-            ],
-            np.float64,
+            )
         )
         z = values[:count]
         square = values[count:] * values[count:]
-        white = self._white.dot((1.0, 1 / dt, 1 / dt**2))
+        changes = max(LASTS_S / dt, 1.0)
+        creep = changes * self._slip.creep(twist, dt)
+        both = self._white.dot((1.0, 1 / dt, 1 / dt**2, creep))
+        white, lasting = both[:count], both[count:]
         white += square[count:]
+        lasting += square[count:]
         systematic = square[:count]
         systematic *= self._slipping_share if slipping else self._share
+        at_once = white + systematic
+        systematic *= max(SAME_MOTION_S / dt, 1.0)
+        lasting += systematic
+        pulled = 1.0 + self._slip.pulled(sliding, turned, dt) / CREEP**2
         present = self.every if whole else np.isfinite(z + h[:, TWIST.start])
-        return Measurements(z, h, white, systematic, present)
+        return Measurements(z, h, white, at_once, lasting, pulled, present)
+
+    def pulled(self, measurements: Measurements, factor: float, seconds: float) -> Floats:
+        """The lasting variance of all rows where wheels pull each other, shape (m,).
+
+        Args:
+            measurements: Of a step.
+            factor: By how much larger errors of wheels are than they are at once.
+            seconds: How long it took.
+        """
+        lasting = measurements.lasting
+        if factor > 1.0:
+            wheels = slice(self.wheels)
+            slip = (factor - 1.0) * max(LASTS_S / seconds, 1.0)
+            lasting[wheels] += slip * measurements.at_once[wheels]
+        return lasting
 
     def _sliding(self, rolled: list[float], twist: Floats) -> list[float]:
         """Speed of the wheel of each slide row; where it measures none, by the last estimate."""
@@ -192,11 +227,6 @@ class Rows:
             (off[roll] if roll >= 0 else math.nan, -off[slide] if slide >= 0 else math.nan)
             for roll, slide in self._rows_of_wheel
         ]
-
-
-def counted_once(measurements: Measurements, seconds: float) -> Floats:
-    """Variance that makes systematic errors count once in :data:`SAME_MOTION_S`, shape (m,)."""
-    return measurements.white + measurements.systematic * max(SAME_MOTION_S / seconds, 1.0)
 
 
 def _rows(*numbers: int) -> list[int]:
