@@ -16,10 +16,10 @@ SKIDS = 0.12
 """Slip by speed at which a tyre has spent all its grip and skids: rubber, by the brush model. With
 a share f of it, it creeps by 1 - (1 - f)^(1/3) of that, and the less it is loaded, the more all
 creep alike: f of that differs from wheel to wheel, and of this again a share is one wheel's."""
-HOLDS_M_S2 = 6.5
-"""Acceleration at which they skid, if all push alike: rubber on a smooth floor. A command that
-jumps asks for more, and the robot is late by the rest, long after wheels roll and stand as they
-should."""
+HOLDS_M_S2 = 5.4
+"""Acceleration at which they skid, if all push alike: rubber on a dusty floor (friction of 0.6),
+less a tenth, as a robot that brakes leans on some of them. A command that jumps asks for more, and
+the robot is late by the rest, long after wheels roll and stand as they should."""
 REGULAR = 1e-9 * np.eye(3)
 """For drives whose rows do not determine the twist."""
 

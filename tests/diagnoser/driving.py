@@ -17,6 +17,10 @@ RATE = 100.0
 REST = (0.0, 0.0, 0.0)
 USUAL_FRICTION = 0.8
 """For which accelerations are given."""
+HARD = 0.8 * 9.81 * USUAL_FRICTION
+"""m/s², four fifths of what tyres hold."""
+AWAY_M = 0.3
+"""Of the wheels from the middle."""
 
 
 class Leg(NamedTuple):
@@ -95,17 +99,24 @@ def _on_the_spot(draws: _Draws) -> Iterator[Leg]:
 
 
 def _hard(draws: _Draws) -> Iterator[Leg]:
-    """Curves and brakes at up to two thirds of what tyres hold."""
-    direction = draws.direction()
+    """Curves and brakes at up to four fifths of what tyres hold."""
+    direction, before = draws.direction(), (0.0, 0.0)
     for _ in range(4):
         speed, across = draws.between(0.6, 1.5), draws.between(2.0, 5.0) * draws.hold
         omega = draws.either() * min(across / speed, 4.0)
-        yield Leg(
-            speed / (draws.between(2.0, 4.0) * draws.hold),
-            draws.between(0.3, 1.5),
-            _along(speed, direction, omega),
-        )
-    yield Leg(0.4, 0.5, REST)
+        ramp_s = speed / (draws.between(2.0, 4.0) * draws.hold)
+        ramp_s = max(ramp_s, _least_s(before, (speed, omega), HARD * draws.hold))
+        yield Leg(ramp_s, draws.between(0.3, 1.5), _along(speed, direction, omega))
+        before = speed, omega
+    yield Leg(max(0.4, _least_s(before, (0.0, 0.0), HARD * draws.hold)), 0.5, REST)
+
+
+def _least_s(before: tuple[float, float], after: tuple[float, float], most: float) -> float:
+    """In which a robot can change from one speed and yaw rate to others, m/s and rad/s, with so
+    much acceleration, m/s², of a wheel that has its share of the mass on it."""
+    change = math.hypot(after[0] - before[0], AWAY_M * (after[1] - before[1]))
+    across = max(abs(speed * omega) for speed, omega in (before, after))
+    return change / math.sqrt(most**2 - across**2)
 
 
 def _jumps(draws: _Draws) -> Iterator[Leg]:
