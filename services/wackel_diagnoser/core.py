@@ -34,6 +34,7 @@ from wackel_drive.layout import Layout
 from wackel_drive.stuck import StuckValue
 from wackel_kinematics.array import Floats
 from wackel_node.config_drive import DriveConfig, GyroConfig
+from wackel_schemas import component
 from wackel_schemas.bus import BusState
 from wackel_schemas.drive import Exclusion, Exclusions, ImuSample, TwistCommand
 from wackel_schemas.fault import FaultReport
@@ -66,6 +67,9 @@ force is then about two standard deviations where one wheel takes all of it."""
 LEAST_LEFT = 0.1
 """Share of its variance that is left of a row's residual by what the estimate took from it, below
 which it tells nothing."""
+SKIDS_NS = 500_000_000
+"""For how long all wheels may slip after a command that none can follow: what a steering takes for
+half a turn. It was the command that disturbed the drive, and that is told."""
 ACQUAINTED_S = 3.0
 """Of driving, in which lags and noise are learnt and no verdict is passed: half a dozen changes of
 speed."""
@@ -154,6 +158,8 @@ class Diagnoser:
         # About the latest command, and of those that were none; and ends of the first step since.
         self._complaints: dict[bool, Complaint] = {}
         self._complained: dict[bool, int] = {}
+        # Stamps of the last command that wheels cannot follow, and of a slip of all that it made.
+        self._infeasible = self._commanded = 0
         self._exclusions: list[Exclusion] | None = None
 
     def bus_state(self, bus: str, state: BusState) -> list[Message]:
@@ -184,6 +190,8 @@ class Diagnoser:
         self._complained.pop(known, None)
         if complaint is not None:
             self._complaints[known] = complaint
+            if complaint.code == "command_infeasible":
+                self._infeasible = message.stamp
         else:
             self._complaints.pop(known, None)
 
@@ -381,12 +389,20 @@ class Diagnoser:
             or self._reports.any_active
         )
 
+    def _is_commanded(self, finding: Finding) -> bool:
+        """Whether all wheels slip for a command that none can follow."""
+        if finding.component != component.DRIVE:
+            return False
+        if 0 <= finding.since - self._infeasible <= SKIDS_NS:
+            self._commanded = finding.since
+        return finding.since == self._commanded
+
     def _examine(self, now: int) -> list[Message]:
         """What has changed of faults and exclusions."""
         self._examined = now
         findings = self._findings
         found: list[Finding] = findings.free(self._efforts.off, self._idle.found, now)
-        found += findings.verdict(found, now)
+        found += [each for each in findings.verdict(found, now) if not self._is_commanded(each)]
         if self._references.found is not None:
             found.append(findings.reference(self._references.found, now))
         found += [findings.command(each, now) for each in self._complaints.values()]

@@ -107,3 +107,11 @@ def test_a_command_that_jumps_does_not_hide_a_blocked_wheel() -> None:
     rig.inject("wheel_blocked", "w2")
     rig.drive(4.0)
     assert ("wheel_blocked", "wheel/w2/drive") in rig.active()
+
+
+def test_a_command_that_no_steering_can_follow_is_what_disturbs_the_drive() -> None:
+    """It is told as such, and that all wheels slip for it is not told once more."""
+    seed = "hard/29"
+    rig = Rig.of(seed, 4, physics="mujoco", driving="jumps", build=Build.drawn(Random(seed)))
+    rig.drive(100.0)
+    assert {report.code for report in rig.reports} == {"command_infeasible"}
