@@ -2,8 +2,8 @@
 
 A step may have taken longer than its stamps say; all then seem to turn faster. So what counts is
 how far one turned while it turned faster than is known yet, less an encoder's step, by the longest
-that may have taken. That is never too much: references that are ahead of what steerings can would
-make all of them seem slow, in every turn.
+that may have taken. That is hardly ever too much, and then by a twentieth at most: references that
+are ahead of what steerings can would make all of them seem slow, in every turn.
 """
 
 LEAST = 2.0
