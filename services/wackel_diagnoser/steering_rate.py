@@ -2,8 +2,8 @@
 
 A step may have taken longer than its stamps say; all then seem to turn faster. So what counts is
 how far one turned while it turned faster than is known yet, less an encoder's step, by the longest
-that may have taken. That is hardly ever too much, and then by a twentieth at most: references that
-are ahead of what steerings can would make all of them seem slow, in every turn.
+that may have taken. That is never too much: references that are ahead of what steerings can would
+make all of them seem slow, in every turn.
 """
 
 LEAST = 2.0
@@ -19,7 +19,8 @@ MEMORY_S = 3600.0
 EVENS = 0.02
 """Share of a step in the mean of its length."""
 UNEVEN_S = 10.0
-"""For how long a step that was shorter or longer says that stamps may be wrong by as much."""
+"""For how long a stamp counts as late, unless shorter steps make up for it (else one step that was
+lost would be missed for ever), and says that others may be as late."""
 
 
 class SteeringRate:
@@ -37,7 +38,9 @@ class SteeringRate:
         self.now = LEAST
         self._encoder_step = encoder_step
         self._before = [0.0] * wheels, 1.0  # rad, s
-        self._usual_s = self._unsure_s = 0.0  # how long a step is, and by how much it is not
+        self._steps = 0
+        # How long a step is; by how much its last stamp is late, and others may be.
+        self._usual_s = self._late_s = self._unsure_s = 0.0
         self._turning = [(0.0, 0.0)] * wheels  # how far, rad, and how long each turns fast, s
         self._one_is_fast = False
 
@@ -48,9 +51,12 @@ class SteeringRate:
             turned: By how much each wheel was steered, rad; NaN if unknown.
             seconds: How long it took.
         """
-        off = seconds - (self._usual_s or seconds)
-        self._usual_s = seconds - (1.0 - EVENS) * off
-        self._unsure_s = max(abs(off), self._unsure_s - seconds / UNEVEN_S * self._unsure_s)
+        self._steps += 1
+        off = seconds - self._usual_s if self._usual_s else 0.0
+        self._usual_s = seconds - (1.0 - max(EVENS, 1.0 / self._steps)) * off
+        kept = max(1.0 - seconds / UNEVEN_S, 0.0)
+        self._late_s = max(kept * self._late_s + off, 0.0)
+        self._unsure_s = max(abs(off), self._late_s, kept * self._unsure_s)
         self.now = max(LEAST, self.now - seconds / MEMORY_S * self.now)
         most = self.now * seconds
         before, self._before = self._before, (turned, seconds)

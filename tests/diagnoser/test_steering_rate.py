@@ -41,10 +41,9 @@ def test_it_is_known_before_a_quarter_turn_is_over(rate: float) -> None:
 
 @given(rate=st.floats(3.0, 15.0), seed=st.integers(0, 2**32), most_s=st.floats(0.0, 0.006))
 def test_late_stamps_do_not_make_it_faster(rate: float, seed: int, most_s: float) -> None:
-    """Of 100 000 robots five by more than a hundredth, none by a twentieth."""
     random = Random(seed)
     late = [random.choice((0.0, random.uniform(0.0, most_s))) for _ in range(97)]
-    assert turns(rate, 1.0, late).now <= 1.05 * rate
+    assert turns(rate, 1.0, late).now <= 1.005 * rate
 
 
 def test_late_stamps_leave_it_known_to_a_twentieth() -> None:
