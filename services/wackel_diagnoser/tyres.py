@@ -12,10 +12,12 @@ from wackel_kinematics.drive import Drive
 
 FORCED = 0.8
 """A wheel's slip by what the references of all wheels, each with its own lag, force on it."""
-SKIDS = 0.12
-"""Slip by speed at which a tyre has spent all its grip and skids: rubber, by the brush model. With
-a share f of it, it creeps by 1 - (1 - f)^(1/3) of that, and the less it is loaded, the more all
-creep alike: f of that differs from wheel to wheel, and of this again a share is one wheel's."""
+SKIDS = 0.083
+"""Slip by speed at which a tyre has spent all its grip and skids: rubber, by the brush model. It is
+0.12 on a floor that holds 6.5 m/s², and so much less where one holds less that a tyre which is
+loaded little creeps the same. With a share f of its grip, it creeps by 1 - (1 - f)^(1/3) of that,
+and the less it is loaded, the more all creep alike: f of that differs from wheel to wheel, and of
+this again a share is one wheel's."""
 HOLDS_M_S2 = 5.4
 """Acceleration at which they skid, if all push alike: rubber on a dusty floor (friction of 0.6),
 less a tenth, as a robot that brakes leans on some of them. A command that jumps asks for more, and
