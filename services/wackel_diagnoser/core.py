@@ -69,7 +69,8 @@ LEAST_LEFT = 0.1
 which it tells nothing."""
 SKIDS_NS = 500_000_000
 """For how long all wheels may slip after a command that none can follow: what a steering takes for
-half a turn. It was the command that disturbed the drive, and that is told."""
+half a turn, and as long again until it is believed that they do not. It was the command that
+disturbed the drive, and that is told."""
 ACQUAINTED_S = 3.0
 """Of driving, in which lags and noise are learnt and no verdict is passed: half a dozen changes of
 speed."""
@@ -159,7 +160,8 @@ class Diagnoser:
         self._complaints: dict[bool, Complaint] = {}
         self._complained: dict[bool, int] = {}
         # Stamps of the last command that wheels cannot follow, and of a slip of all that it made.
-        self._infeasible = self._commanded = 0
+        self._infeasible: int | None = None
+        self._commanded: int | None = None
         self._exclusions: list[Exclusion] | None = None
 
     def bus_state(self, bus: str, state: BusState) -> list[Message]:
@@ -389,20 +391,23 @@ class Diagnoser:
             or self._reports.any_active
         )
 
-    def _is_commanded(self, finding: Finding) -> bool:
-        """Whether all wheels slip for a command that none can follow."""
-        if finding.component != component.DRIVE:
+    def _is_commanded(self, finding: Finding, now: int) -> bool:
+        """Whether all wheels slip for a command that none can follow, and not for longer."""
+        since, infeasible = finding.since, self._infeasible
+        if finding.component != component.DRIVE or infeasible is None:
             return False
-        if 0 <= finding.since - self._infeasible <= SKIDS_NS:
-            self._commanded = finding.since
-        return finding.since == self._commanded
+        if 0 <= since - infeasible <= SKIDS_NS:
+            self._commanded = since
+        return since == self._commanded and now - since <= 2 * SKIDS_NS
 
     def _examine(self, now: int) -> list[Message]:
         """What has changed of faults and exclusions."""
         self._examined = now
         findings = self._findings
         found: list[Finding] = findings.free(self._efforts.off, self._idle.found, now)
-        found += [each for each in findings.verdict(found, now) if not self._is_commanded(each)]
+        found += [
+            each for each in findings.verdict(found, now) if not self._is_commanded(each, now)
+        ]
         if self._references.found is not None:
             found.append(findings.reference(self._references.found, now))
         found += [findings.command(each, now) for each in self._complaints.values()]
