@@ -232,6 +232,8 @@ class Odometer:
         self._silent = self._backlog = False
         estimator = self._filter
         estimator.seconds = step.seconds
+        if self._latest is not None and self._latest.standing:
+            estimator.may_start()
         estimator.predict()
         rows = self._rows.measure(step, estimator.x[TWIST], self._slipping)
         usable = rows.present
@@ -258,10 +260,10 @@ class Odometer:
         measured = estimator.expect(z, h)
         before = 1.0 + (self._pulled - 1.0) * math.exp(-seconds / SETTLING_S)
         verdict = gate(
-            measured.innovation, measured.spread, variance, before=before, most=rows.pulled
+            measured.innovation, measured.spread, variance, before=before, most=rows.most_pulled
         )
         self._pulled = verdict.pulled
-        lasting = self._rows.pulled(rows, verdict.pulled, seconds)
+        lasting = self._rows.widened(rows, verdict.pulled, seconds)
         if not whole:
             lasting = lasting[usable]
         if not all(verdict.accepted):

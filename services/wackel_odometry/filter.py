@@ -24,6 +24,8 @@ AGILITY = np.array([0.4, 0.4, 10.0])
 """Density of the twist's random walk, (m/s²)² s and (rad/s²)² s: 2 m/s² and 10 rad/s² kept up for
 0.1 s, a servo robot that starts or stops. The measurements of one step outweigh it by far, so it
 only says how much of the earlier twist is left to judge them by."""
+START_S = 0.1
+"""Of that random walk, by which a robot at rest may drive in the next step."""
 UNKNOWN_TWIST = (1.0, 1.0, 4.0)
 """Squares of m/s, m/s and rad/s, that a robot may drive with of which nothing is known."""
 BIAS_TIME_S = 100.0
@@ -86,6 +88,10 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         self.x[TWIST] = 0.0
         self.P[TWIST, :] = self.P[:, TWIST] = 0.0
         self.P[TWIST, TWIST] = np.diag(UNKNOWN_TWIST)
+
+    def may_start(self) -> None:
+        """The robot has stood, and may do so no more; nothing changes at once as much as then."""
+        self.P[TWIST, TWIST] += np.diag(AGILITY * START_S)
 
     def set_pose(self, pose: Floats, position_sigma: float, heading_sigma: float) -> None:
         """The robot is here, known so well; all that was correlated with the old pose is not."""

@@ -13,6 +13,9 @@ from wackel_kinematics.array import Floats
 GATE = 16.0
 """Square of the 4 standard deviations at which a measurement is rejected (facts: y² < 16 S): of
 normal ones, 6 in 100 000."""
+CHANCE = 2.0
+"""Standard deviations of their squares by which measurements may contradict each other by chance,
+without anything that pulls."""
 LEAST_OWN = 1e-30
 """One over a variance of nothing that is measured; less is rounding, and would be no number."""
 TOLD = 3
@@ -71,8 +74,10 @@ def gate(
     count = len(innovation)
     pulled = 1.0
     if most > 1.0 and (spare := count - 1 - TOLD) > 0:
-        left = float(innovation.dot(told.weight)) - max(told.squares)
-        pulled = max(min(max(left / spare, before), most), 1.0)
+        left = (float(innovation.dot(told.weight)) - max(told.squares)) / spare
+        if left < 1.0 + CHANCE * math.sqrt(2.0 / spare):
+            left = 1.0
+        pulled = max(min(max(left, before), most), 1.0)
     alone, own, kept = told.alone, told.own, list(range(count))
     while told.squares and (farthest := max(told.squares)) > GATE * pulled:
         del kept[told.squares.index(farthest)]

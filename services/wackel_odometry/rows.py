@@ -44,8 +44,8 @@ class Measurements(NamedTuple):
         white: Variance of the white errors, shape (m,).
         at_once: Of all errors in this step, but of slip, shape (m,).
         lasting: Of all errors, with which those that stay count once in that time, shape (m,).
-        pulled: By how much larger errors of wheels may be where these pull each other, as a factor,
-            at least 1.
+        most_pulled: By how much larger errors of wheels may be at most where these pull each other,
+            as a factor, at least 1.
         present: Which have a value, shape (m,).
     """
 
@@ -54,7 +54,7 @@ class Measurements(NamedTuple):
     white: Floats
     at_once: Floats
     lasting: Floats
-    pulled: float
+    most_pulled: float
     present: Bools
 
 
@@ -181,8 +181,7 @@ class Rows:
         )
         z = values[:count]
         square = values[count:] * values[count:]
-        changes = max(LASTS_S / dt, 1.0)
-        creep = changes * self._slip.creep(twist, dt)
+        creep = self._slip.creep(twist, dt) * max(LASTS_S / dt, 1.0)
         both = self._white.dot((1.0, 1 / dt, 1 / dt**2, creep))
         white, lasting = both[:count], both[count:]
         white += square[count:]
@@ -192,23 +191,24 @@ class Rows:
         at_once = white + systematic
         systematic *= max(SAME_MOTION_S / dt, 1.0)
         lasting += systematic
-        pulled = 1.0 + self._slip.pulled(sliding, turned, dt) / CREEP**2
+        # By what a row that moves hardly is off at least.
+        most_pulled = 1.0 + self._slip.pull(sliding, turned, dt) / CREEP**2
         present = self.every if whole else np.isfinite(z + h[:, TWIST.start])
-        return Measurements(z, h, white, at_once, lasting, pulled, present)
+        return Measurements(z, h, white, at_once, lasting, most_pulled, present)
 
-    def pulled(self, measurements: Measurements, factor: float, seconds: float) -> Floats:
-        """The lasting variance of all rows where wheels pull each other, shape (m,).
+    def widened(self, measurements: Measurements, pulled: float, seconds: float) -> Floats:
+        """The lasting variance with the slip of wheels that pull each other, shape (m,).
 
         Args:
             measurements: Of a step.
-            factor: By how much larger errors of wheels are than they are at once.
+            pulled: By how much larger errors of wheels are than at once, as a factor, at least 1.
             seconds: How long it took.
         """
-        lasting = measurements.lasting
-        if factor > 1.0:
-            wheels = slice(self.wheels)
-            slip = (factor - 1.0) * max(LASTS_S / seconds, 1.0)
-            lasting[wheels] += slip * measurements.at_once[wheels]
+        if pulled == 1.0:
+            return measurements.lasting
+        lasting, wheels = measurements.lasting.copy(), slice(self.wheels)
+        slip = (pulled - 1.0) * max(LASTS_S / seconds, 1.0)
+        lasting[wheels] += slip * measurements.at_once[wheels]
         return lasting
 
     def _sliding(self, rolled: list[float], twist: Floats) -> list[float]:

@@ -13,8 +13,8 @@ from wackel_kinematics.array import Floats
 CREEP_S = 0.01
 """Slip of a wheel by acceleration, m/s by m/s²: rubber creeps by 12 % of its speed where it skids,
 at 6.5 m/s², and by a third of its share of that where it is loaded little (brush model). That is
-0.006 of speed by m/s², and as all wheels do it, no mean over them makes it less: twice that of each
-of four, at 1 m/s."""
+0.006 of speed by m/s²; and as all wheels do it, no mean over them makes it less, so it counts twice
+for each of four, at 1 m/s. With it, the pose is as far off as its covariance says."""
 MOST_M_S2 = 3.0
 """Beyond what a servo robot does; more is a jump of the readings, and the less they were believed
 for it, the later the estimate would follow."""
@@ -68,7 +68,7 @@ class Slip:
         hastens = min(math.hypot(along, across, about), MOST_M_S2)
         return (CREEP_S * hastens) ** 2
 
-    def pulled(self, sliding: list[float], turned: list[float], seconds: float) -> float:
+    def pull(self, sliding: list[float], turned: list[float], seconds: float) -> float:
         """The greatest variance that wheels which still turn can force on all, (m/s)².
 
         Args:

@@ -33,15 +33,15 @@ from wackel_virtual.build import Build
 from wackel_virtual.drive_simulation import DriveSimulation
 
 DRIVES = (steered_drive(3), differential_drive(), steered_drive(4))
-RUNS = 54
-LENGTH_M = 1.5
-LAGGING_M = 4.0
+RUNS, LENGTH_M = 54, 1.5
+LAGGING_RUNS, LAGGING_M = 36, 8.0
+"""Longer, since at the start and the end, where they hasten most, the filter is most cautious."""
 ROLLS_M_S = 0.1
 """Below, an encoder stays on a step for several cycles: its error is no longer new in each."""
 UNLIKELY = 3.29
 """Standard deviations beyond which a normal number is once in a thousand times."""
-CAUTIOUS = 0.3
-"""Share of the covariance that errors have at least: a σ at most 1.8 times too large."""
+CAUTIOUS = 0.4
+"""Share of the covariance that errors have at least: a σ at most 1.6 times too large."""
 SHARED = (1 + 2**2 + 1) / 4**2
 """Three samples of the gyro have part in a step, as the borders of steps lie between samples: its
 variance by that of a sample."""
@@ -77,7 +77,9 @@ class Ends:
 @pytest.fixture(scope="module")
 def ends() -> Ends:
     """One run after the other."""
-    off, covariance = zip(*(_lagging(DRIVES[i % len(DRIVES)], i) for i in range(RUNS)), strict=True)
+    off, covariance = zip(
+        *(_lagging(DRIVES[i % len(DRIVES)], i) for i in range(LAGGING_RUNS)), strict=True
+    )
     return Ends(np.array(off), np.array(covariance))
 
 
@@ -152,10 +154,9 @@ def test_a_gyro_at_rest_is_as_noisy_as_configured(nis: Squares) -> None:
 
 
 def test_what_wheels_roll_is_as_exact_as_their_encoders(nis: Squares) -> None:
-    """These are most of its error; the radius, of another robot in each run, is the rest. Where
-    wheels turn and contradict each other by chance, they might pull each other a little."""
-    assert np.mean(nis["differential", "rolls", "roll"]) == pytest.approx(1.0, abs=0.1)
-    assert 0.8 < np.mean(nis["steered", "rolls", "roll"]) < 1.1
+    """These are most of its error; the radius, of another robot in each run, is the rest."""
+    for drive in ("steered", "differential"):
+        assert np.mean(nis[drive, "rolls", "roll"]) == pytest.approx(1.0, abs=0.1)
 
 
 def test_a_gyro_is_held_against_no_less_than_its_wheels_may_be_off(nis: Squares) -> None:

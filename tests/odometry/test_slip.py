@@ -39,19 +39,19 @@ def test_but_by_no_more_than_before_they_skid() -> None:
 
 def test_wheels_that_turn_pull_each_other_and_for_a_while_after() -> None:
     slip = Slip(Layout(steered_drive(4)))
-    assert slip.pulled(ROLLS, STRAIGHT, STEP_S) == 0.0
-    turned = slip.pulled(ROLLS, [0.02] * 4, STEP_S)
+    assert slip.pull(ROLLS, STRAIGHT, STEP_S) == 0.0
+    turned = slip.pull(ROLLS, [0.02] * 4, STEP_S)
     assert math.sqrt(turned) == pytest.approx(PULLED * 0.5 * STEERING_S * 2.0)
-    later = slip.pulled(ROLLS, STRAIGHT, STEP_S)
+    later = slip.pull(ROLLS, STRAIGHT, STEP_S)
     assert math.sqrt(later / turned) == pytest.approx(math.exp(-STEP_S / SETTLING_S))
 
 
 def test_a_steering_that_is_not_heard_of_goes_on_settling() -> None:
     slip = Slip(Layout(steered_drive(4)))
-    slip.pulled(ROLLS, [0.02] * 4, STEP_S)
-    assert 0.0 < slip.pulled(ROLLS, [math.nan] * 4, STEP_S) < math.inf
+    slip.pull(ROLLS, [0.02] * 4, STEP_S)
+    assert 0.0 < slip.pull(ROLLS, [math.nan] * 4, STEP_S) < math.inf
 
 
 def test_wheels_that_do_not_steer_do_not_pull_each_other() -> None:
     slip = Slip(Layout(differential_drive()))
-    assert slip.pulled([0.5, 0.5], [math.nan, math.nan], STEP_S) == 0.0
+    assert slip.pull([0.5, 0.5], [math.nan, math.nan], STEP_S) == 0.0
