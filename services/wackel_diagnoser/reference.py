@@ -105,6 +105,7 @@ class Reference:
         self._late = [0.0] * len(self._rolls)
         self._lags = DriveLags(n, len(self._rolls))
         self._steering_rate = SteeringRate(n, config.encoder_step)
+        self._fast_s = [0.0] * n  # for how long each turns as fast as it can
         unknown, none = [math.nan] * n, [math.nan] * len(self._rolls)
         still = [0.0] * len(self._rolls)
         self._unknown = Target(
@@ -165,8 +166,12 @@ class Reference:
         for i in self._steered:
             if not -_QUARTER <= heading[i] - state[i] - math.pi * halves[i] <= _QUARTER:
                 self._turn_half_round(i, heading[i] - state[i])
+        before_rate = self._steering_rate.now
         self._steering_rate.step(step.steered, dt)
-        most = self._steering_rate.now * dt
+        rate = self._steering_rate.now
+        if rate > before_rate:
+            self._catch_up(rate - before_rate)
+        most = rate * dt
         gap = [*map(sub, state, goal)]
         turns, hastens = gap[:n], gap[n:]
         middle, turned = self._move(gap, dt, most)
@@ -214,12 +219,21 @@ class Reference:
         middle = [*map(sub, self._goal, map(mul, lags, moved))]
         turned = moved[:n]
         for i, each in enumerate(turned):
-            if not -most <= each <= most:
+            if -most <= each <= most:
+                self._fast_s[i] = 0.0
+            else:
                 # One that turns as fast as it can is half way in the middle of a step.
                 turned[i] = moved[i] = math.copysign(most, each)
                 middle[i] = before[i] + 0.5 * moved[i]
+                self._fast_s[i] += dt
         self._state = [*map(add, before, moved)]
         return middle, turned
+
+    def _catch_up(self, faster: float) -> None:
+        """Steerings that turn as fast as they can have done so faster, by rad/s, than was known."""
+        for i, fast_s in enumerate(self._fast_s):
+            off = self._goal[i] - self._state[i]
+            self._state[i] += math.copysign(min(faster * fast_s, abs(off)), off)
 
     def _aim(self) -> None:
         """Inverse kinematics: each wheel turns to the nearer of the two directions."""

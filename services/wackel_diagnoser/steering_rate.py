@@ -2,8 +2,9 @@
 
 A step may have taken longer than its stamps say; all then seem to turn faster. So what counts is
 how far one turned while it turned faster than is known yet, less an encoder's step, by the longest
-that may have taken. That is never too much: references that are ahead of what steerings can would
-make all of them seem slow, in every turn.
+that may have taken. That is never too much where stamps are late by less than half a step (and by
+two hundredths if by more, which looks like a step that was lost): references that are ahead of what
+steerings can would make all of them seem slow, in every turn.
 """
 
 LEAST = 2.0
@@ -18,9 +19,11 @@ MEMORY_S = 3600.0
 """Servos become slower by a tenth while a battery runs down, within an hour."""
 EVENS = 0.02
 """Share of a step in the mean of its length."""
+MISSING = 0.5
+"""Share of a step by which one that is longer is several, between which readings were lost."""
 UNEVEN_S = 10.0
-"""For how long a stamp counts as late, unless shorter steps make up for it (else one step that was
-lost would be missed for ever), and says that others may be as late."""
+"""For how long a stamp counts as late, unless shorter steps make up for it, and says that others
+may be as late."""
 
 
 class SteeringRate:
@@ -52,8 +55,11 @@ class SteeringRate:
             seconds: How long it took.
         """
         self._steps += 1
-        off = seconds - self._usual_s if self._usual_s else 0.0
-        self._usual_s = seconds - (1.0 - max(EVENS, 1.0 / self._steps)) * off
+        usual = self._usual_s or seconds
+        off = seconds - usual
+        if off > MISSING * usual and self._steps * EVENS > 1.0:
+            off -= usual * round(off / usual)
+        self._usual_s = usual + max(EVENS, 1.0 / self._steps) * off
         kept = max(1.0 - seconds / UNEVEN_S, 0.0)
         self._late_s = max(kept * self._late_s + off, 0.0)
         self._unsure_s = max(abs(off), self._late_s, kept * self._unsure_s)

@@ -80,6 +80,28 @@ def test_a_command_that_another_has_overtaken_is_not_followed() -> None:
     assert twist == (0.5, 0.0, 0.0)
 
 
+@pytest.mark.parametrize("late_ns", [0, 2_000_000])
+def test_a_steering_that_turns_faster_than_was_known_is_followed_from_where_it_began(
+    late_ns: int,
+) -> None:
+    """By what it may have turned before a stamp that came late, it is behind."""
+    config = steered_drive(3)
+    reference = Reference(Layout(config), config)
+    rate, still, end, heading = 6.28, [0.0] * 3, 10_000_000, 0.0
+    for number in range(1, 115):
+        way = math.radians(80.0) * (number >= 100)
+        vx, vy = 0.3 * math.cos(way), 0.3 * math.sin(way)
+        reference.command(TwistCommand(stamp=number * 10_000_000, vx=vx, vy=vy, omega=0.0))
+        begin, end = end, (number + 1) * 10_000_000 + (number % 3 == 0) * late_ns
+        turned = rate * STEP_S * (number >= 100)
+        heading += turned
+        step = Step(begin, end, (end - begin) / 1e9, [heading] * 3, [turned] * 3, still, [0.0])
+        target = reference.step(step, 0.0)
+    middle = heading - 0.5 * rate * STEP_S
+    late_s = late_ns / 1e9
+    assert target.heading == pytest.approx([middle] * 3, abs=rate * late_s + math.radians(0.5))
+
+
 @pytest.mark.parametrize(("missing", "known"), [(0, True), (1, False), (5, False)])
 def test_after_a_command_that_did_not_come_it_is_not_known_which_way_wheels_turn(
     missing: int, known: bool
