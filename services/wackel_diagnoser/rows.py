@@ -44,9 +44,10 @@ DROOP_M_S = 0.03
 tyre that slips pushes no harder if it slips more."""
 GRIP_M_S = 0.01
 YAWING = 0.3
-"""The yaw rate that slip causes, by what it would be if all wheels slipped the same way around. Of
-what calibration forces on wheels friction decides who slips: no weighted mean says how they turn
-the robot."""
+"""The yaw rate that slip causes, by what it would be if all wheels slipped the same way around."""
+ASKEW = 0.6
+"""The same of what calibration forces on wheels: a mean over three or four of them makes it that.
+Friction decides who slips, so it may be twice as much where they are calibrated badly."""
 JERK = 1.0
 """A gyro's sample and a step cover different times, and tyres creep by what turns the robot: wheels
 are ahead by as much as its value changes in one step. What changes in one step only is no turn."""
@@ -258,7 +259,7 @@ class Rows:
         mean = float(np.add.reduce(calibration[: self._constraints])) / self._constraints
         np.multiply(self._noise, sensors[:, None], out=constant)
         constant[self.gyros, 0] += biases
-        constant[self.gyros, -1] += (YAWING / self._drive.length_m) ** 2 * mean
+        constant[self.gyros, -1] += (ASKEW / self._drive.length_m) ** 2 * mean
 
     def measure(
         self,

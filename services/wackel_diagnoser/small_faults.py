@@ -75,7 +75,9 @@ ACCURATE = {
 """By how much constants change in a sound robot, all at once: with load, tyres' warmth, and
 floor."""
 
-
+SHIFTS = 0.5
+"""Share of the wheels' calibration by which that seems to change with the motion: which of them
+slip, friction decides."""
 ROUNDED = 0.3
 """Encoder steps, the same for what stays rounded alike: 1/√12."""
 
@@ -277,6 +279,8 @@ class SmallFaults:
         at = self._constants.gives_way
         with_it = GIVES_WAY * covariance[:, at] / covariance[at, at]
         unsure = covariance + np.outer(with_it, with_it) + self._accurate + creep * self._creeping
+        errors, wheels = usual[: self._wheels], range(self._wheels)
+        unsure[:, wheels, wheels] += SHIFTS**2 * errors.dot(errors) / self._wheels
         forced = self._forced_slip(self._told, usual)
         tests = _Tests(self._changes, self._told, usual, unsure, forced)
         if found is not None and self._ended(tests, found):
