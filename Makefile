@@ -29,8 +29,9 @@ check: $(VENV)/dev
 	$(BIN)/lint-imports
 	$(BIN)/wackel schema --check schemas/json
 
+# On all processors; the tests of a module share what is set up for them.
 unit: $(VENV)/dev
-	$(BIN)/pytest -q -m "not process"
+	$(BIN)/pytest -q -n auto --dist loadfile -m "not process"
 
 process: $(VENV)/dev
 	$(BIN)/pytest -q -m process
