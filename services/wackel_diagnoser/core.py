@@ -34,7 +34,6 @@ from wackel_drive.layout import Layout
 from wackel_drive.stuck import StuckValue
 from wackel_kinematics.array import Floats
 from wackel_node.config_drive import DriveConfig, GyroConfig
-from wackel_schemas import component
 from wackel_schemas.bus import BusState
 from wackel_schemas.drive import Exclusion, Exclusions, ImuSample, TwistCommand
 from wackel_schemas.fault import FaultReport
@@ -68,9 +67,11 @@ LEAST_LEFT = 0.1
 """Share of its variance that is left of a row's residual by what the estimate took from it, below
 which it tells nothing."""
 SKIDS_NS = 500_000_000
-"""For how long all wheels may slip after a command that none can follow: what a steering takes for
-half a turn, and as long again until it is believed that they do not. It was the command that
-disturbed the drive, and that is told."""
+"""For how long wheels may slip after a command that none can follow, or no tyre: what a steering
+takes for half a turn, and twice as long until it is believed that they do not. It was the command
+that disturbed the drive, and no part of it."""
+SKIDDING = {"drive_disturbed", "wheel_deviates", "gyro_deviates"}
+"""What that looks like: wheels turn as they are told, but do not go where they show."""
 ACQUAINTED_S = 3.0
 """Of driving, in which lags and noise are learnt and no verdict is passed: half a dozen changes of
 speed."""
@@ -159,8 +160,8 @@ class Diagnoser:
         # About the latest command, and of those that were none; and ends of the first step since.
         self._complaints: dict[bool, Complaint] = {}
         self._complained: dict[bool, int] = {}
-        # Stamps of the last command that wheels cannot follow, and of a slip of all that it made.
-        self._infeasible: int | None = None
+        # Stamps of the last command that wheels cannot follow, and of a slip that it made.
+        self._astray: int | None = None
         self._commanded: int | None = None
         self._exclusions: list[Exclusion] | None = None
 
@@ -193,7 +194,7 @@ class Diagnoser:
         if complaint is not None:
             self._complaints[known] = complaint
             if complaint.code == "command_infeasible":
-                self._infeasible = message.stamp
+                self._astray = message.stamp
         else:
             self._complaints.pop(known, None)
 
@@ -224,6 +225,8 @@ class Diagnoser:
         learning = often and self._steps_made % every == 0
         learnt_s = seconds * every if learning else 0.0
         measured = rows.measure(step, target, self._bias.value, self._efforts.loads)
+        if measured.skids:
+            self._astray = step.end
         looked = self._look(measured, seconds, known=target.known)
         moving = measured.speed > MOVING_M_S
         if young:
@@ -392,13 +395,13 @@ class Diagnoser:
         )
 
     def _is_commanded(self, finding: Finding, now: int) -> bool:
-        """Whether all wheels slip for a command that none can follow, and not for longer."""
-        since, infeasible = finding.since, self._infeasible
-        if finding.component != component.DRIVE or infeasible is None:
+        """Whether wheels slip for a command that none can follow, and not for longer."""
+        since = finding.since
+        if finding.code not in SKIDDING:
             return False
-        if 0 <= since - infeasible <= SKIDS_NS:
+        if self._astray is not None and 0 <= since - self._astray <= SKIDS_NS:
             self._commanded = since
-        return since == self._commanded and now - since <= 2 * SKIDS_NS
+        return since == self._commanded and now - since <= 3 * SKIDS_NS
 
     def _examine(self, now: int) -> list[Message]:
         """What has changed of faults and exclusions."""

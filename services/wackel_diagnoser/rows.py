@@ -93,6 +93,7 @@ class Measured(msgspec.Struct, frozen=True, gc=False):
             pushes, which has been taken off, m/s, shape (roll rows,).
         speed: The fastest wheel's, m/s.
         creep: How much all wheels slip by their load, m/s.
+        skids: Whether they are asked for more than tyres hold.
         present: Which rows are there.
         followed: Twist by which references follow the commanded one, m/s and rad/s; NaN if they are
             not known.
@@ -108,6 +109,7 @@ class Measured(msgspec.Struct, frozen=True, gc=False):
     yielded: list[float]
     speed: float
     creep: float
+    skids: bool
     present: Bools
     followed: list[float]
     turning: list[float]
@@ -384,6 +386,7 @@ class Rows:
             yielded,
             speed,
             creep,
+            self._tyres.skids,
             present,
             followed,
             turning_rolls,

@@ -35,10 +35,11 @@ class Tyres:
     Attributes:
         late_yaw: rad/s by which the robot turns otherwise than its wheels, for what they do not
             hold; 0 where each pushes any way, and friction decides.
+        skids: Whether the robot has to catch up with what wheels ask of it beyond what they hold.
     """
 
     def __init__(self, drive: Drive) -> None:
-        self.late_yaw = 0.0
+        self.late_yaw, self.skids = 0.0, False
         self._n, self._length_m = drive.n, drive.length_m
         self._root = math.sqrt(len(drive.row_wheels))
         self._first_roll = drive.slide_count
@@ -88,7 +89,7 @@ class Tyres:
         known = math.isfinite(x + y + omega)
         if self._given is None or not known:
             self._given = (x, y, omega) if known else None
-            self.late_yaw = 0.0
+            self.late_yaw, self.skids = 0.0, False
             return 0.0
         before_x, before_y, before_omega = self._given
         # Left alone, it goes straight on over the floor.
@@ -102,6 +103,7 @@ class Tyres:
         fight = max(mean - skids, 0.0)
         given = min(asked, whole * asked / math.hypot(asked, fight) if fight else whole)
         share = given / asked if asked else 1.0
+        self.skids = given < asked
         self._given = gone_x + share * dx, gone_y + share * dy, before_omega + share * turn
         if not self._any_way:
             self.late_yaw = abs(turn) * (1.0 - share)

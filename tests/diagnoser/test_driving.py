@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tests.diagnoser.driving import DRIVING, course
+from tests.diagnoser.fleet import Member
 from tests.diagnoser.rig import Rig
 from wackel_schemas import component
 from wackel_schemas.fault import FaultReport
@@ -111,6 +112,19 @@ def test_calibration_three_times_worse_is_no_fault(seed: str, driving: str, seco
     rig = Rig.of(
         seed, 4, physics="mujoco", worse=3.0, driving=driving, build=Build.drawn(Random(seed))
     )
+    rig.drive(seconds)
+    assert [each.code for each in rig.reports if each.component != component.COMMAND] == []
+
+
+@pytest.mark.parametrize(
+    ("number", "driving", "seconds"), [(374, "jumps", 6.0), (390, "hard", 136.0)]
+)
+def test_wheels_that_skid_for_a_command_are_no_fault(
+    number: int, driving: str, seconds: float
+) -> None:
+    """Neither where no steering can follow it, nor where tyres do not hold what it asks for."""
+    member = Member.of("becb69e2c89c286c", number)
+    rig = Rig.of(member.seed, 3, driving=driving, build=member.build)
     rig.drive(seconds)
     assert [each.code for each in rig.reports if each.component != component.COMMAND] == []
 

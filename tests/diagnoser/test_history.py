@@ -40,6 +40,7 @@ class Driven:
             [0.0] * 3,
             0.0,
             0.0,
+            False,
             rows.every,
             [0.0] * 3,
             [0.0] * 3,

@@ -41,7 +41,19 @@ class Named:
             h = np.zeros((self._rows.count, 3))
             still = [0.0] * 3
             measured = Measured(
-                z, h, variance, nothing, nothing, [], [], speed, 0.0, self._rows.every, still, []
+                z,
+                h,
+                variance,
+                nothing,
+                nothing,
+                [],
+                [],
+                speed,
+                0.0,
+                False,
+                self._rows.every,
+                still,
+                [],
             )
             self._soundness.step(self._step(), self._target(speed), measured, evidence)
 
