@@ -67,9 +67,9 @@ LEAST_LEFT = 0.1
 """Share of its variance that is left of a row's residual by what the estimate took from it, below
 which it tells nothing."""
 SKIDS_NS = 500_000_000
-"""For how long wheels may slip after a command that none can follow, or no tyre: what a steering
-takes for half a turn, and twice as long until it is believed that they do not. It was the command
-that disturbed the drive, and no part of it."""
+"""For how long wheels may slip after a command that they or their tyres cannot follow: what a
+steering takes for half a turn, and twice as long until it is believed that they do not. It was the
+command that disturbed the drive, and no part of it."""
 SKIDDING = {"drive_disturbed", "wheel_deviates", "gyro_deviates"}
 """What that looks like: wheels turn as they are told, but do not go where they show."""
 ACQUAINTED_S = 3.0
@@ -160,7 +160,7 @@ class Diagnoser:
         # About the latest command, and of those that were none; and ends of the first step since.
         self._complaints: dict[bool, Complaint] = {}
         self._complained: dict[bool, int] = {}
-        # Stamps of the last command that wheels cannot follow, and of a slip that it made.
+        # Stamps of the last command that wheels or tyres cannot follow, and of a slip that it made.
         self._astray: int | None = None
         self._commanded: int | None = None
         self._exclusions: list[Exclusion] | None = None
@@ -395,7 +395,8 @@ class Diagnoser:
         )
 
     def _is_commanded(self, finding: Finding, now: int) -> bool:
-        """Whether wheels slip for a command that none can follow, and not for longer."""
+        """Whether wheels slip for a command that they or their tyres cannot follow, and not longer
+        than for that. A push that begins and ends meanwhile is not told."""
         since = finding.since
         if finding.code not in SKIDDING:
             return False
