@@ -138,12 +138,15 @@ class MujocoBody:
         """Means over a step at the end of which wheels stand and turn like this: a stiff drive has
         caught up with its goal long before."""
         efforts, timestep = [], self._model.opt.timestep
-        for i, grip in enumerate(self._grip):
+        for i, (grip, gain) in enumerate(zip(self._grip, self._gain_now, strict=True)):
+            if not gain:  # what turns this rotor is the tyre
+                efforts.append(0.0)
+                continue
             turned, hastened = angle[i] - self.angle[i], rate[i] - self.rate[i]
             # Euler's method pushes by the rates before each of its steps, and moves by those after.
             slower = told[i] - (turned - timestep * hastened) / duration_s
             # What turns the rotor is not for the tyre.
-            torque = self._gain_now[i] * slower - self._rotor[i] * hastened / duration_s
+            torque = gain * slower - self._rotor[i] * hastened / duration_s
             efforts.append(min(MOST_EFFORT, max(-MOST_EFFORT, torque / grip)))
         return efforts
 

@@ -147,6 +147,22 @@ def test_motors_show_what_they_push_the_robot_with() -> None:
     assert effort * BUILD.friction * GRAVITY * 0.002 == pytest.approx(-cycles[0][0], rel=0.1)
 
 
+def test_a_motor_without_its_wheel_pushes_nothing() -> None:
+    """Though the wheel is hastened, and what is left of the motor with it."""
+    from wackel_virtual.mujoco_body import MujocoBody
+
+    ahead = [0.0] * 3
+    body = MujocoBody(Layout(steered_drive(3)).drive, ahead, BUILD)
+    world = World([BUILD.friction] * 3, (0.0, 0.0, 0.0))
+    for cycle in range(50):
+        body.step(
+            WheelStates([0.1 * cycle] * 3, [True, False, True], [False] * 3, ahead), world, 0.01
+        )
+        assert body.effort[1] == 0.0
+    assert body.rate[1] == pytest.approx(body.rate[0], rel=0.01)
+    assert min(body.effort[0], body.effort[2]) > 0.01
+
+
 def test_a_wheel_comes_free_again() -> None:
     robot = simulation(steered_drive(4), physics="mujoco")
     driven(robot, 1.0)
