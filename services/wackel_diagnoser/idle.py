@@ -18,8 +18,11 @@ wheels rub away on the floor is taken for friction of their motors."""
 STEADY = 0.02
 """And share by which that is uncertain once it is learnt: a motor that pushes may just need as
 little as an idle one, but not the same from look to look."""
-NOISE = 1.5 * LEAST
-"""A, or share of the greatest load, by which the reading of an idle motor sways."""
+NOISE = LEAST
+"""A, or share of the greatest load, by which the reading of an idle motor sways. One that sways by
+half as much again is still told. With that much taken for usual, pushing motors passed for idle
+once in some fifty hours, and idle ones of half a dozen per cent were not told within two seconds.
+"""
 AWAKE_S = 0.3
 """The others work if they have done so for this long."""
 INDEPENDENT = 0.25
@@ -28,13 +31,14 @@ FOR = 2.5
 AGAINST = 30.0
 """Of one look's evidence: a motor that has nothing to do now may have in a moment, but one that
 pushes is not idle."""
-WORKS = 6.25
-"""How many times the noise, as squares, motors must need for it to be told that one does not: two
-and a half standard deviations, usually or to accelerate now. On even ground at an even speed they
-do not."""
-HASTENS = 0.25
-"""And how many times the noise it must take to accelerate now: at an even speed wheels push each
-other as they did before."""
+WORKS = 14.0
+"""How many times the noise, as squares, motors must need for it to be told that one does not: three
+and three quarters standard deviations, usually or to accelerate now. On even ground at an even
+speed they do not; and what a gently driven robot needs for that, its wheels push each other, too.
+"""
+HASTENS = 0.56
+"""And how many times the noise it must take to accelerate now, three quarters of a standard
+deviation: at an even speed wheels push each other as they did before."""
 SURPRISE = 4.0
 """Of the square of what one needs, by what is usual: more speaks no louder against driving, for it
 speaks against idling as well."""
@@ -88,7 +92,7 @@ class IdleMotors:
                 on their own.
             faulty: At which wheels something is known to be wrong. All others fight that, with far
                 more than they usually need, and all at once no longer; so they are not watched
-                meanwhile, and nothing is learnt.
+                meanwhile, and nothing is learnt. Of two, one that idles has both slip.
         """
         before, self._before = self._before, (speeds, turning)
         if before is None or len(speeds) < 2:
@@ -116,7 +120,7 @@ class IdleMotors:
         lowest, second = sorted(awake)[:2]
         most, unsure = MOST * self._limit, needs.unsure**2
         for i, mean in enumerate(means):
-            if faults > faulty[i]:  # at another wheel
+            if faults > faulty[i] and not (faulty[i] and len(means) == 2):  # at another wheel
                 continue
             square, inertia = speeds[i] * speeds[i], inertias[i] * inertias[i]
             # Friction that is known badly may look like idling; that it is tells nothing.

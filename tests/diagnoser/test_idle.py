@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from tests.diagnoser.rig import Rig
 from wackel_diagnoser.efforts import Needs, Rolling
-from wackel_diagnoser.idle import IdleMotors
+from wackel_diagnoser.idle import NOISE, IdleMotors
 from wackel_kinematics.array import Floats
 from wackel_schemas.fault import FaultReport
 
@@ -39,8 +39,11 @@ def look(
     idle: int | None,
     work_a: float = 0.1,
     needs: Needs = NEEDS,
+    *,
+    sways_a: float = 0.003,
 ) -> None:
-    """Lets motors drive at changing speed, all but one against each other; ``needs``: as learnt."""
+    """Lets motors drive at changing speed, all but one against each other; ``needs``: as learnt;
+    ``sways_a``: by how much readings do."""
     rng = np.random.default_rng(1)
     push = np.zeros(4)
     for step in range(round(seconds / LOOK_S)):
@@ -49,7 +52,7 @@ def look(
         load = push + NEEDS[1] * 0.2 * math.cos(step * LOOK_S)
         if idle is not None:
             load[idle] = 0.0
-        current = NEEDS[0] * speed + load + rng.normal(0.0, 0.003, 4)
+        current = NEEDS[0] * speed + load + rng.normal(0.0, sways_a, 4)
         motors.step(
             LOOK_S, speed.tolist(), STRAIGHT, Rolling(current.tolist(), needs, USUAL), faulty=SOUND
         )
@@ -61,6 +64,12 @@ def test_a_motor_that_idles_while_others_work_is_found_and_heals() -> None:
     assert motors.found == [False, False, True, False]
     look(motors, 4.0, idle=None)
     assert not any(motors.found)
+
+
+def test_a_motor_that_idles_unevenly_is_found() -> None:
+    motors = IdleMotors(4, 1 / LOOK_S)
+    look(motors, 5.0, idle=2, sways_a=1.5 * NOISE)
+    assert motors.found == [False, False, True, False]
 
 
 def test_motors_that_all_have_little_to_do_are_not_idle() -> None:
