@@ -74,23 +74,31 @@ class DriveLags:
             self._move()
         self._waiting.append((goal, seconds, most))
 
-    def learn(self, shown: list[float], learnt_s: float, *, slowed: bool) -> None:
+    def learn(
+        self, shown: list[float], learnt_s: float, tells: tuple[bool, bool], *, slowed: bool
+    ) -> None:
         """Learns from the last step that was followed.
 
         Args:
             shown: Where drives were in the middle of it, as the state; NaN if not known.
             learnt_s: For how much driving without a fault it stands.
+            tells: Whether steerings tell of their lag, and drives: what misses are of one that has
+                arrived is how its encoder rounds.
             slowed: Whether wheels slow each other.
         """
         off = np.array(shown)[:, None] - self._move()
         squares = np.minimum(off * off, 0.01)
         fade = 1.0 - learnt_s / MEMORY_S
-        self._misses *= fade
-        self._slowed *= fade
         added = self._kinds @ squares
-        if math.isfinite(float(added.sum())):
-            self._misses += added
-            if slowed:
+        known = math.isfinite(float(added.sum()))
+        for kind, told in enumerate(tells):
+            if told:
+                self._misses[kind] *= fade
+                if known:
+                    self._misses[kind] += added[kind]
+        if tells[1]:
+            self._slowed *= fade
+            if known and slowed:
                 self._slowed += added[1]
         self._since_choice += learnt_s
 

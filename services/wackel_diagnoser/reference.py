@@ -177,7 +177,7 @@ class Reference:
         middle, turned = self._move(gap, dt, most)
         self._lags.follow(goal, dt, most)
         if learnt_s and (max(gap) > TELLS or min(gap) < -TELLS):
-            self._learn(heading, step, learnt_s)
+            self._learn(heading, step, learnt_s, (_tells(turns), _tells(hastens)))
         fade = math.exp(-dt / SETTLING_S)
         self._envelope = [*map(max, map(abs, turns), [fade * each for each in self._envelope])]
         lags = dt / self._lags.used_s[1]
@@ -283,11 +283,18 @@ class Reference:
         ]
         return shown
 
-    def _learn(self, heading: list[float], step: Step, learnt_s: float) -> None:
-        """Which lags the measurements follow."""
+    def _learn(
+        self, heading: list[float], step: Step, learnt_s: float, tells: tuple[bool, bool]
+    ) -> None:
+        """Which lags the measurements follow; ``tells``: steering, and rolling."""
         shown = self._shown(heading, step.wheel_rate)
-        self._lags.learn(shown, learnt_s, slowed=max(self._envelope) > ALIGNED_RAD)
+        self._lags.learn(shown, learnt_s, tells, slowed=max(self._envelope) > ALIGNED_RAD)
         self._state = self._lags.choose(self._state)
+
+
+def _tells(gap: list[float]) -> bool:
+    """Whether drives are so far off their command, rad or m/s, that they tell of their lag."""
+    return bool(gap) and (max(gap) > TELLS or min(gap) < -TELLS)
 
 
 def _known(measured: list[float], should: list[float]) -> list[float]:
