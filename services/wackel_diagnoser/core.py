@@ -15,7 +15,7 @@ from wackel_diagnoser.commands import NO_COMMAND, CommandWatch, Complaint
 from wackel_diagnoser.constants import Shown
 from wackel_diagnoser.display import Display
 from wackel_diagnoser.efforts import Efforts
-from wackel_diagnoser.findings import Findings, excluded
+from wackel_diagnoser.findings import LEAST_CONFIDENCE, Findings, excluded
 from wackel_diagnoser.gyro_bias import GyroBias
 from wackel_diagnoser.history import History
 from wackel_diagnoser.hypotheses import Hypotheses
@@ -249,7 +249,8 @@ class Diagnoser:
             self._correct()
         shown = Shown(step, target, measured, self._bias.value, currents)
         self._history.add(step, target, measured)
-        self._small.step(shown, calm=calm)
+        # While lags are not known, they would be taken for what drives yield.
+        self._small.step(shown, calm=calm and not young)
         rows.lag_s, rows.gives_way = self._small.lag_s, self._small.gives_way
         if learning:
             self._adopt()
@@ -396,13 +397,15 @@ class Diagnoser:
 
     def _is_commanded(self, finding: Finding, now: int) -> bool:
         """Whether wheels slip for a command that they or their tyres cannot follow, and not longer
-        than for that. A push that begins and ends meanwhile is not told."""
+        than for that; nor is it told then, if it is about to heal. A push that begins and ends
+        meanwhile is not told."""
         since = finding.since
         if finding.code not in SKIDDING:
             return False
         if self._astray is not None and 0 <= since - self._astray <= SKIDS_NS:
             self._commanded = since
-        return since == self._commanded and now - since <= 3 * SKIDS_NS
+        lasts = now - since > 3 * SKIDS_NS and finding.confidence > LEAST_CONFIDENCE
+        return since == self._commanded and not lasts
 
     def _examine(self, now: int) -> list[Message]:
         """What has changed of faults and exclusions."""

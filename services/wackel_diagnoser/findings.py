@@ -25,6 +25,8 @@ HARMLESS = ("gyro_deviates", "wheel_free")
 """Make no other wheel slip: one without torque rolls along."""
 LIKELY = 0.02
 """Probability from which on another explanation is told."""
+LEAST_CONFIDENCE = 0.5
+"""Of a verdict that stands: one that is less probable is about to heal."""
 
 
 class Findings:
@@ -190,7 +192,7 @@ class Findings:
             verdicts.since,
             values,
             words or {},
-            min(max(here, 0.5), 0.99),
+            min(max(here, LEAST_CONFIDENCE), 0.99),
             tuple(dict.fromkeys(name for _, name in sorted(others, reverse=True))),
         )
 

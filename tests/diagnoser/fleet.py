@@ -59,9 +59,9 @@ class Member:
             Build.drawn(random),
         )
 
-    def drive(self) -> list[str]:
-        """Code and component of each report, and when, s: all of them are false."""
-        rig = Rig.of(
+    def rig(self) -> Rig:
+        """It and its diagnoser, before they drive."""
+        return Rig.of(
             self.seed,
             self.wheels,
             physics=self.physics,
@@ -70,7 +70,12 @@ class Member:
             build=self.build,
             busy=self.busy,
             shown=False,
+            course_s=ROBOT_S,
         )
+
+    def drive(self) -> list[str]:
+        """Code and component of each report, and when, s: all of them are false."""
+        rig = self.rig()
         begin_ns = rig.now_ns
         rig.drive(ROBOT_S)
         return [

@@ -75,6 +75,7 @@ class Rig:
         build: Build = Build(),  # noqa: B008  (frozen)
         busy: bool = False,
         shown: bool = True,
+        course_s: float = 120.0,
     ) -> Self:
         """A new robot; ``drive``: or how many steered wheels it has.
 
@@ -87,6 +88,7 @@ class Rig:
             build: What else it is like.
             busy: Whether its computer is.
             shown: Whether anyone looks at residuals.
+            course_s: How long it drives until it goes the same way again.
         """
         config = steered_drive(drive) if isinstance(drive, int) else drive
         gyro = GyroConfig()
@@ -99,7 +101,7 @@ class Rig:
         )
         rng = np.random.default_rng(Random(seed).getrandbits(63))
         sideways = config.kind in ("steered", "mecanum", "omni")
-        path = course(driving, rng, sideways=sideways, friction=build.friction)
+        path = course(driving, rng, course_s, sideways=sideways, friction=build.friction)
         diagnoser = Diagnoser(config, {GYRO: gyro}, lambda: shown)
         return cls(
             simulation, diagnoser, config, path, busy=Random(f"{seed}/busy") if busy else None

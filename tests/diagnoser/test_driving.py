@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.diagnoser.driving import DRIVING, course
-from tests.diagnoser.fleet import Member
+from tests.diagnoser.fleet import COMPLAINTS, Member
 from tests.diagnoser.rig import Rig
 from wackel_schemas import component
 from wackel_schemas.fault import FaultReport
@@ -127,6 +127,17 @@ def test_wheels_that_skid_for_a_command_are_no_fault(
     rig = Rig.of(member.seed, 3, driving=driving, build=member.build)
     rig.drive(seconds)
     assert [each.code for each in rig.reports if each.component != component.COMMAND] == []
+
+
+@pytest.mark.parametrize(
+    ("fleet", "number", "seconds"),
+    [("free1", 63, 8.0), ("free1", 72, 12.0), ("free2", 172, 22.0), ("free2", 384, 66.0)],
+    ids=["skid that is over", "steering told to turn by nothing", "lag not known yet", "at ease"],
+)
+def test_nothing_is_wrong_with_this_member(fleet: str, number: int, seconds: float) -> None:
+    rig = Member.of(fleet, number).rig()
+    rig.drive(seconds)
+    assert [each.code for each in rig.reports if each.code not in COMPLAINTS] == []
 
 
 def test_a_command_that_jumps_does_not_hide_a_blocked_wheel() -> None:
