@@ -19,26 +19,25 @@ STEADY = 0.02
 """And share by which that is uncertain once it is learnt: a motor that pushes may just need as
 little as an idle one, but not the same from look to look."""
 NOISE = LEAST
-"""A, or share of the greatest load, by which the reading of an idle motor sways. One that sways by
-half as much again is still told. With that much taken for usual, pushing motors passed for idle
-once in some fifty hours, and idle ones of half a dozen per cent were not told within two seconds.
-"""
+"""A, or share of the greatest load, by which the reading of an idle motor sways. With half as much
+again taken for usual, pushing motors passed for idle once in some fifty hours."""
+AT_MOST = 1.5
+"""But it may sway by so many times that, and is still told."""
 AWAKE_S = 0.3
 """The others work if they have done so for this long."""
-INDEPENDENT = 0.25
-"""Share of a look that is new: of 25 a second, since forces last for a sixth of a second."""
+INDEPENDENT = 0.28
+"""Share of a look that is new: of 25 a second, since forces last for a seventh of a second."""
 FOR = 2.5
 AGAINST = 30.0
 """Of one look's evidence: a motor that has nothing to do now may have in a moment, but one that
 pushes is not idle."""
-WORKS = 14.0
-"""How many times the noise, as squares, motors must need for it to be told that one does not: three
-and three quarters standard deviations, usually or to accelerate now. On even ground at an even
-speed they do not; and what a gently driven robot needs for that, its wheels push each other, too.
-"""
-HASTENS = 0.56
-"""And how many times the noise it must take to accelerate now, three quarters of a standard
-deviation: at an even speed wheels push each other as they did before."""
+WORKS = 9.0
+"""How many times the most that it sways, as squares, motors must need for it to be told that one
+does not: three standard deviations, usually or to accelerate now. On even ground at an even speed
+they do not; and what a gently driven robot needs for that, its wheels push each other, too."""
+HASTENS = 0.25
+"""And how many times that it must take to accelerate now: at an even speed wheels push each other
+as they did before."""
 SURPRISE = 4.0
 """Of the square of what one needs, by what is usual: more speaks no louder against driving, for it
 speaks against idling as well."""
@@ -48,7 +47,7 @@ BURST = 9.0
 for a wheel that was blocked for a second does not usually push as hard."""
 MOST = 1.5
 """Evidence by what is needed, beyond which no more is gathered, so that it can heal."""
-_SWAYING = NOISE**2  # as a variance; worked out once
+_SWAYING, _MOST_SWAYING = NOISE**2, (AT_MOST * NOISE) ** 2  # as variances; worked out once
 
 
 class IdleMotors:
@@ -124,8 +123,8 @@ class IdleMotors:
                 continue
             square, inertia = speeds[i] * speeds[i], inertias[i] * inertias[i]
             # Friction that is known badly may look like idling; that it is tells nothing.
-            noise = _SWAYING + unsure * square
-            tells = inertia >= HASTENS * noise and max(mean, inertia) >= WORKS * noise
+            noise, rough = _SWAYING + unsure * square, _MOST_SWAYING + unsure * square
+            tells = inertia >= HASTENS * rough and max(mean, inertia) >= WORKS * rough
             gathered = self._gathered[i]
             if not (tells or gathered):
                 continue

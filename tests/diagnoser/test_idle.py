@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from tests.diagnoser.rig import Rig
 from wackel_diagnoser.efforts import Needs, Rolling
-from wackel_diagnoser.idle import NOISE, IdleMotors
+from wackel_diagnoser.idle import AT_MOST, NOISE, IdleMotors
 from wackel_kinematics.array import Floats
 from wackel_schemas.fault import FaultReport
 
@@ -68,7 +68,7 @@ def test_a_motor_that_idles_while_others_work_is_found_and_heals() -> None:
 
 def test_a_motor_that_idles_unevenly_is_found() -> None:
     motors = IdleMotors(4, 1 / LOOK_S)
-    look(motors, 5.0, idle=2, sways_a=1.5 * NOISE)
+    look(motors, 5.0, idle=2, sways_a=AT_MOST * NOISE)
     assert motors.found == [False, False, True, False]
 
 
