@@ -160,9 +160,11 @@ class Diagnoser:
         # About the latest command, and of those that were none; and ends of the first step since.
         self._complaints: dict[bool, Complaint] = {}
         self._complained: dict[bool, int] = {}
-        # Stamps of the last command that wheels or tyres cannot follow, and of a slip that it made.
+        # Stamp of the last command that wheels or tyres cannot follow; since when there is what has
+        # been looked at last; and whether that is a slip which the command made.
         self._astray: int | None = None
-        self._commanded: int | None = None
+        self._looked_at: int | None = None
+        self._commanded = False
         self._exclusions: list[Exclusion] | None = None
 
     def bus_state(self, bus: str, state: BusState) -> list[Message]:
@@ -402,10 +404,11 @@ class Diagnoser:
         since = finding.since
         if finding.code not in SKIDDING:
             return False
-        if self._astray is not None and 0 <= since - self._astray <= SKIDS_NS:
-            self._commanded = since
+        if since != self._looked_at:
+            self._looked_at = since
+            self._commanded = self._astray is not None and abs(since - self._astray) <= SKIDS_NS
         lasts = now - since > 3 * SKIDS_NS and finding.confidence > LEAST_CONFIDENCE
-        return since == self._commanded and not lasts
+        return self._commanded and not lasts
 
     def _examine(self, now: int) -> list[Message]:
         """What has changed of faults and exclusions."""

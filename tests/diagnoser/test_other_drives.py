@@ -1,9 +1,12 @@
 """Drives that are not all of steered wheels: what each can tell, and that it tells no more."""
 
+from random import Random
+
 import pytest
 
 from tests.diagnoser.rig import SHORT_WARM_UP_S, Rig
 from tests.odometry.simulation import other_drives
+from wackel_virtual.build import Build
 
 DRIVES = other_drives()
 ROLLS = {"tricycle": "w0", "ackermann": "w2", "mecanum": "w1", "omni": "w2"}
@@ -50,6 +53,13 @@ def test_a_gyro_that_jumps_is_named(name: str) -> None:
     robot.inject("gyro_offset", value=0.3)
     robot.drive(4.0)
     assert robot.active() == [("gyro_deviates", "gyro/body")]
+
+
+def test_a_robot_that_still_skids_when_its_gyro_seems_wrong_has_a_sound_one() -> None:
+    seed = "2ecc0f6e053057ec/other/ackermann/5"
+    robot = Rig.of(seed, DRIVES["ackermann"], driving="hard", build=Build.drawn(Random(seed)))
+    robot.drive(15.0)
+    assert "gyro_deviates" not in {report.code for report in robot.reports}
 
 
 def test_one_wheel_that_drags_another_in_vain_is_no_fault_of_the_gyro() -> None:
