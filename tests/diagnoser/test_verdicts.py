@@ -167,7 +167,18 @@ def test_a_push_is_over_and_excludes_nobody_for_long(warm: Rig) -> None:
     assert rig.active() == []
 
 
-@pytest.mark.parametrize(("later_s", "weights"), [(0.6, 0.7), (0.6, 1.3), (0.9, 0.7)])
+@pytest.mark.parametrize(
+    ("later_s", "weights"),
+    [
+        pytest.param(
+            *(0.3, 0.7),
+            marks=pytest.mark.xfail(strict=True, reason="one in five pushes accuses the gyro, too"),
+        ),
+        (0.6, 0.7),
+        (0.6, 1.3),
+        (0.9, 0.7),
+    ],
+)
 def test_what_turns_the_robot_against_its_motors_is_no_fault_of_the_gyro(
     warm: Rig, later_s: float, weights: float
 ) -> None:
