@@ -166,7 +166,7 @@ class Constants:
         h = mean([each.h for each in measured]).reshape(*z.shape, 3)
         causes, bent = self._caused(blocks, z)
 
-        loose = [block[len(block) // 2].measured.loose for block in blocks]
+        loose = [block[len(block) // 2].measured.spread().loose for block in blocks]
         variance = self._noise + self._longer * loose
         on_twist = variance[:, : rows.gyros.stop]
         on_twist += bent[:, None]

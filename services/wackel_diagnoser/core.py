@@ -149,6 +149,7 @@ class Diagnoser:
         self._wheels = layout.drive.n
         self._steps_made = 0
         self._likelihood: Floats = np.zeros(len(hypotheses))  # as last looked at
+        self._usual: list[float] = []  # variances then of what wheels and gyros miss
         self._unlooked, self._unlooked_s = 0, 0.0  # steps since
         self._unwatched_s = 0.0  # since motors were looked at
         self._driven_s = 0.0
@@ -300,6 +301,7 @@ class Diagnoser:
             self._steps_made % LOOK_EVERY
             and known
             and sequential.at_rest
+            and self._usual
             and not self._stirs(measured)
         ):
             return False
@@ -309,19 +311,22 @@ class Diagnoser:
         return True
 
     def _stirs(self, measured: Measured) -> bool:
-        """Whether a wheel or a gyro is further off what it was told than it mostly is."""
+        """Whether a wheel or a gyro is further off what it was told than it mostly is, by what
+        was known of that when hypotheses were looked at last."""
         # Single numbers: for some rows, Python is faster with them than numpy.
         gyros, omega = self._rows.gyros, measured.followed[2]
         misses = measured.z[gyros.start :].tolist()
         for at, turns in enumerate(measured.h[gyros, 2].tolist()):
             misses[at] -= turns * omega
-        for off, variance in zip(misses, measured.variance[gyros.start :].tolist(), strict=True):
+        for off, variance in zip(misses, self._usual, strict=True):
             if not off * off / variance <= STIRS:  # as what is not known may
                 return True
         return False
 
     def _evaluate(self, measured: Measured) -> Floats:
-        return self._bank.evaluate(measured.z, measured.h, measured.variance, measured.size)
+        variance, _, size = measured.spread()
+        self._usual = variance[self._rows.gyros.start :].tolist()
+        return self._bank.evaluate(measured.z, measured.h, variance, size)
 
     def _one_stands(self, target: Target, measured: Measured) -> bool:
         """Whether a wheel that is told to roll stands while another rolls."""
@@ -331,7 +336,8 @@ class Diagnoser:
 
     def _learn(self, measured: Measured, seconds: float, moving: bool) -> None:
         """What residuals are like when nothing is wrong, and the gyros' bias."""
-        variance, covariance = measured.variance, self._bank.covariance()
+        variance, loose, _ = measured.spread()
+        covariance = self._bank.covariance()
         spread = measured.h.dot(covariance)
         off = measured.z - spread.dot(self._bank.right())
         # What the estimate took from a row itself does not show in its residual.
@@ -342,8 +348,8 @@ class Diagnoser:
             squares = off * off / left
             # A step teaches of what its variance is mostly made of.
             scaling = self._scaling
-            loose = measured.loose * scaling.factors[1] > _HALF * variance
-            scaling.learn(squares * scaling.factors, seen & (loose == _MANOEUVRE), seconds)
+            mostly = loose * scaling.factors[1] > _HALF * variance
+            scaling.learn(squares * scaling.factors, seen & (mostly == _MANOEUVRE), seconds)
         g = self._rows.gyros
         self._bias.learn(off[g], variance[g], left[g], seen[g], seconds=seconds, moving=moving)
 

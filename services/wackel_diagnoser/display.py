@@ -68,7 +68,7 @@ class Display:
         rows = self._rows
         twist = self._bank.covariance().dot(self._bank.right())
         off = (measured.z - measured.h.dot(twist)).tolist()
-        sigma = np.sqrt(measured.variance).tolist()
+        sigma = np.sqrt(measured.spread().variance).tolist()
         scale = np.sqrt(self._scaling.factors[0]).tolist()
         probabilities = np.bincount(self._tells, self._sequential.posterior()).tolist()
         numbers = range(len(probabilities))

@@ -101,7 +101,8 @@ class Isolability:
         rows.adopt(rows.configured)  # as driving will have shown
         for _ in range(2):  # the fault lasts: nothing has just jumped
             measured = rows.measure(step, target, bias, lambda *_: unloaded)
-        likelihood = self._bank.evaluate(measured.z, measured.h, measured.variance, measured.size)
+        variance, _, size = measured.spread()
+        likelihood = self._bank.evaluate(measured.z, measured.h, variance, size)
         hypotheses = self._hypotheses
         best = [
             float((likelihood + hypotheses.prior / (MEMORY_S * RATE * INDEPENDENT))[m].max())

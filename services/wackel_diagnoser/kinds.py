@@ -85,7 +85,8 @@ class KindTest:
     def step(self, measured: Measured, efforts: Floats, seconds: float) -> None:
         """Takes in a step; ``efforts``: squares by what is usual, NaN where unknown."""
         self.seconds += seconds
-        weight = np.where(measured.present, 1.0 / measured.variance, 0.0)
+        variance = measured.spread().variance
+        weight = np.where(measured.present, 1.0 / variance, 0.0)
         weight[self._unusable] = 0.0
         yaw_all = _yaw(measured, weight)
         weight[self._own_rows] = 0.0
@@ -94,7 +95,7 @@ class KindTest:
         if yaw_all is not None and yaw is not None and heard.any():
             expected = yaw_all[0] - yaw[0]
             shown = float(measured.z[self._gyros][heard].mean()) - yaw[0]
-            noise = float(measured.variance[self._gyros][heard].mean()) + yaw[1]
+            noise = float(variance[self._gyros][heard].mean()) + yaw[1]
             self._xx += expected * expected / noise
             self._xe += expected * shown / noise
         others = efforts[: len(self._others)][self._others].tolist()

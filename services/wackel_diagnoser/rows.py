@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import pairwise, repeat
 from operator import add, mul, sub
 from struct import Struct
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -78,16 +79,29 @@ _NO_TWIST = [math.nan] * 3
 _NOTHING = (0.0,) * 5  # of a column per kind of rows
 
 
+class Spread(NamedTuple):
+    """By how much rows may be off.
+
+    Attributes:
+        variance: If nothing is wrong, shape (M,).
+        loose: What the present manoeuvre is expected to add to that, before driving has scaled it,
+            shape (M,).
+        size: What a fault's share refers to, shape (M,).
+    """
+
+    variance: Floats
+    loose: Floats
+    size: Floats
+
+
 class Measured(msgspec.Struct, frozen=True, gc=False):
     """Rows of a step; a missing one has z = 0, h = 0 and size = 0, so that it says nothing.
 
     Attributes:
         z: Shape (M,).
         h: Shape (M, 3).
-        variance: If nothing is wrong, shape (M,).
-        loose: What the present manoeuvre is expected to add to that, before driving has scaled it,
-            shape (M,).
-        size: What a fault's share refers to, shape (M,).
+        spread: By how much they may be off. It is worked out when somebody asks for it, which in
+            most steps nobody does.
         rolled: What each roll row measured, m/s.
         yielded: By how much each drive is faster than its reference (mostly slower) for what it
             pushes, which has been taken off, m/s, shape (roll rows,).
@@ -102,9 +116,7 @@ class Measured(msgspec.Struct, frozen=True, gc=False):
 
     z: Floats
     h: Floats
-    variance: Floats
-    loose: Floats
-    size: Floats
+    spread: Callable[[], Spread]
     rolled: list[float]
     yielded: list[float]
     speed: float
@@ -224,7 +236,7 @@ class Rows:
         self._told_yaw, self._asked = math.nan, 0.0
         self.every: Bools = np.ones(self.count, dtype=np.bool_)
         self._expected = np.ones((2, self.count))  # scales while driving has not shown others
-        self._pack = Struct(f"{3 * self.count + self._causes.shape[1]}d").pack
+        self._pack = Struct(f"{2 * self.count + self._causes.shape[1]}d").pack
         self._untold: Bools = np.arange(self.count) < self.gyros.stop
         self.adopt(UNKNOWN**2 * self.configured)
 
@@ -331,57 +343,51 @@ class Rows:
         creep = self._tyres.creep(rows[-1], made, mean, speed, dt)
         mean += creep
         gaps, slides, uneven = target.heading_gap, len(sliding), self._uneven(missed, speeds, dt)
-        # While wheels turn, their references contradict each other: they really slip.
-        droop = DROOP_M_S * mean / (mean + GRIP_M_S)
-        # Twice as fast as to make an array of a list.
-        values = np.frombuffer(
-            bytearray(
-                self._pack(
-                    *z,
-                    # How much is shown.
-                    *sliding,
-                    *shown,
-                    *turning,
-                    *self._no_steering,
-                    *shown,
-                    # What is forced or late, or belongs to another time.
-                    *map(add, forced[:slides], lagging),
-                    *forced[slides:],
-                    *[
-                        JERK * each + uneven * abs(rate) + self._tyres.late_yaw
-                        for each, rate in zip(
-                            self._changed(turning, followed[2]), turning, strict=True
-                        )
-                    ],
-                    *map(add, [PENDING * gaps[i] for i in steered], lag),
-                    *[
-                        max(PENDING * gap, LAG * late) + uneven * speed
-                        for gap, late, speed in zip(
-                            target.speed_gap, target.speed_late, shown, strict=True
-                        )
-                    ],
-                    # What causes depend on.
-                    1.0,
-                    1 / dt,
-                    1 / dt**2,
-                    speed,
-                    mean,
-                    droop,
-                    speed * speed,
+        changed = self._changed(turning, followed[2])
+        late_yaw, spread = self._tyres.late_yaw, None
+
+        def work_out() -> Spread:
+            nonlocal spread
+            if spread is None:
+                spread = self._spread(
+                    # How much is shown; what is forced or late, or belongs to another time; and
+                    # what causes depend on.
+                    (
+                        *sliding,
+                        *shown,
+                        *turning,
+                        *self._no_steering,
+                        *shown,
+                        *map(add, forced[:slides], lagging),
+                        *forced[slides:],
+                        *[
+                            JERK * each + uneven * abs(rate) + late_yaw
+                            for each, rate in zip(changed, turning, strict=True)
+                        ],
+                        *map(add, [PENDING * gaps[i] for i in steered], lag),
+                        *[
+                            max(PENDING * gap, LAG * late) + uneven * speed
+                            for gap, late, speed in zip(
+                                target.speed_gap, target.speed_late, shown, strict=True
+                            )
+                        ],
+                        1.0,
+                        1 / dt,
+                        1 / dt**2,
+                        speed,
+                        mean,
+                        # While wheels turn, their references contradict each other: they slip.
+                        DROOP_M_S * mean / (mean + GRIP_M_S),
+                        speed * speed,
+                    ),
+                    present,
                 )
-            )
-        )
-        causes = self._causes.dot(values[3 * self.count :])
-        variance, loose = self._variances(values, causes)
-        size = causes[self.count : 2 * self.count]
-        if present is not self.every:
-            size *= present
+            return spread
+
         return Measured(
-            values[: self.count],
+            np.array(z),
             h,
-            variance,
-            loose,
-            size,
+            work_out,
             rolled,
             yielded,
             speed,
@@ -412,23 +418,29 @@ class Rows:
         mean = math.sqrt(sum([each * each for each in forced]) / len(forced))
         return forced, mean, self._tyres.slip(rows, rolled)[2]
 
-    def _variances(self, values: Floats, causes: Floats) -> tuple[Floats, Floats]:
-        """If nothing is wrong, and what the manoeuvre adds to that.
+    def _spread(self, values: tuple[float, ...], present: Bools) -> Spread:
+        """By how much rows may be off.
 
         Args:
-            values: What rows measure and show, and what is forced or late, shape (3 M + 7,).
-            causes: Noise and what is constant, sizes of faults, and slip, shape (3 M,).
+            values: What rows show, what is forced or late, and what causes depend on, shape
+                (2 M + 7,).
+            present: Which rows are there.
         """
         count = self.count
-        squares = values[count : 3 * count]
-        loose = squares[count:]
+        # Twice as fast as to make an array of them.
+        squares = np.frombuffer(bytearray(self._pack(*values)))
+        causes = self._causes.dot(squares[2 * count :])
+        squares = squares[: 2 * count]
+        loose, size = squares[count:], causes[count : 2 * count]
         loose += causes[2 * count :]
         squares *= squares
         scaled = squares * self._by_squares
         variance = scaled[:count]
         variance += causes[:count]
         variance += scaled[count:]
-        return variance, loose
+        if present is not self.every:
+            size *= present
+        return Spread(variance, loose, size)
 
     def _uneven(self, missed: list[float], speeds: list[float], dt: float) -> float:
         """Share by which all speeds may be off, for another time was measured than stamps say.

@@ -93,7 +93,7 @@ class Soundness:
             evidence: For what is named, logarithm.
         """
         before, self._told_before = self._told_before, target.heading
-        contrary, shows = evidence > CONTRARY, True
+        contrary, shows, variance = evidence > CONTRARY, True, measured.spread().variance
         for part in self._parts:
             told = target.speed[part.roll] if part.roll >= 0 else 0.0
             shows &= part.roll < 0 or abs(told) > MOVING_M_S
@@ -104,7 +104,7 @@ class Soundness:
                 moved = abs(step.heading[part.wheel] - self._heading_then[part.wheel])
                 shows &= max(self._travelled, moved) > TRAVELLED_RAD
             if part.row >= 0 and measured.present[part.row]:
-                off, known = float(measured.z[part.row]), float(measured.variance[part.row])
+                off, known = float(measured.z[part.row]), float(variance[part.row])
                 asked = 1.0 if part.steers else told
                 _weigh(part, asked, off, known, evidence if contrary else 0.0)
         if contrary:

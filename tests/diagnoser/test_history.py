@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from tests.odometry.simulation import steered_drive
 from wackel_diagnoser.history import MOST_STEPS, History
 from wackel_diagnoser.reference import Target
-from wackel_diagnoser.rows import Measured, Rows
+from wackel_diagnoser.rows import Measured, Rows, Spread
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
 from wackel_node.config_drive import GyroConfig
@@ -33,9 +33,7 @@ class Driven:
         self._measured = Measured(
             nothing,
             np.zeros((rows.count, 3)),
-            nothing,
-            nothing,
-            nothing,
+            lambda: Spread(nothing, nothing, nothing),
             [0.0] * 3,
             [0.0] * 3,
             0.0,

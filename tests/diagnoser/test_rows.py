@@ -65,12 +65,13 @@ class Moving:
 def sound(measured: Measured) -> bool:
     """Whether all of it are numbers, and what is missing says nothing."""
     missing = ~measured.present
-    each = (measured.z, measured.h, measured.variance, measured.loose, measured.size)
+    variance, loose, size = measured.spread()
+    each = (measured.z, measured.h, variance, loose, size)
     return (
         all(bool(np.isfinite(values).all()) for values in each)
         and not measured.z[missing].any()
         and not measured.h[missing].any()
-        and not measured.size[missing].any()
+        and not size[missing].any()
     )
 
 
@@ -111,7 +112,7 @@ def test_wheels_that_steer_late_are_expected_to_pull_each_other() -> None:
         moving.command()
         moving.shown()
         moving.command(omega=1.0)
-        slips.append(np.sqrt(moving.shown().measured.loose[moving.rows.rolls]))
+        slips.append(np.sqrt(moving.shown().measured.spread().loose[moving.rows.rolls]))
     at_once, late = slips
     assert (late > at_once + 0.005).all()
 
@@ -130,7 +131,7 @@ def test_wheels_that_turn_are_known_to_pull_each_other_once_no_command_is_known(
             moving.command(along=1.0)
         shown = moving.shown(stands=0.51)
         assert not shown.target.known
-        slips.append(np.sqrt(shown.measured.loose[moving.rows.slides]))
+        slips.append(np.sqrt(shown.measured.spread().loose[moving.rows.slides]))
     assert (slips[1] > 0.01).all()
     assert slips[0] == pytest.approx(slips[1], rel=0.15)
 
@@ -153,7 +154,9 @@ def test_wheels_that_are_calibrated_badly_may_turn_the_robot_otherwise_than_they
         moving.rows.adopt(
             np.full(moving.rows.gyros.stop, wrong**2), scales=np.zeros((2, moving.rows.count))
         )
-        unsure.append(math.sqrt(moving.shown().measured.variance[moving.rows.gyros].item()))
+        unsure.append(
+            math.sqrt(moving.shown().measured.spread().variance[moving.rows.gyros].item())
+        )
     assert unsure[1] == pytest.approx(3.0 * unsure[0], rel=0.01)
 
 
@@ -186,7 +189,7 @@ def test_a_gyro_that_jumps_while_nobody_turns_is_held_against_the_wheels_at_once
         moving.command(omega=omega)
         for yaw in (0.1, 0.2):
             measured = moving.shown(yaw=yaw).measured
-        unsure.append(math.sqrt(measured.loose[moving.rows.gyros].item()))
+        unsure.append(math.sqrt(measured.spread().loose[moving.rows.gyros].item()))
     nobody, turning = unsure
     assert nobody < 0.01
     assert turning > 0.05

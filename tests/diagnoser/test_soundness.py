@@ -6,7 +6,7 @@ import pytest
 from tests.odometry.simulation import steered_drive
 from wackel_diagnoser.hypotheses import Hypotheses
 from wackel_diagnoser.reference import Target
-from wackel_diagnoser.rows import Measured, Rows
+from wackel_diagnoser.rows import Measured, Rows, Spread
 from wackel_diagnoser.soundness import Soundness
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
@@ -33,19 +33,18 @@ class Named:
 
     def drive(self, seconds: float, speed: float, off: float, *, evidence: float = 0.0) -> None:
         """It misses its reference by so much; its steering is told to turn."""
+        nothing = np.zeros(self._rows.count)
+        spread = Spread(np.full(self._rows.count, SIGMA**2), nothing, nothing)
         for _ in range(round(seconds / STEP_S)):
             self._told += 0.01
             z = np.zeros(self._rows.count)
             z[self._row + 1] = off
-            nothing, variance = np.zeros(self._rows.count), np.full(self._rows.count, SIGMA**2)
             h = np.zeros((self._rows.count, 3))
             still = [0.0] * 3
             measured = Measured(
                 z,
                 h,
-                variance,
-                nothing,
-                nothing,
+                lambda: spread,
                 [],
                 [],
                 speed,
