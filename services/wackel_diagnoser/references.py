@@ -62,8 +62,9 @@ SHARED = 0.3
 wheels, so errors of two explain it about equally well (by 0.7 to all of it); a wrong zero, that of
 another of three wheels by half, of four by 0.7."""
 SUSPECTED = 6.0
-"""The same against none at all, from which on nothing is learnt, and every block is looked at; else
-every second."""
+"""The same against none at all, from which on nothing is learnt, and every block is looked at."""
+LOOK_EVERY = 3
+"""Blocks, until then: of those in between, little is new (:mod:`wackel_diagnoser.forced`)."""
 FIRST_S = 5.0
 """Of driving, in which only is learnt how much the motion misses what is predicted."""
 MEMORY_S = 20.0
@@ -131,6 +132,7 @@ class ReferenceErrors:
         self._limit = MARGIN * threshold(n * len(SIZES), 1 / BLOCK_S)
         self._steps: list[tuple[Step, Target, Measured, list[float]]] = []
         self._seconds = self._skipped_s = self._driven_s = 0.0
+        self._skipped = 0  # blocks in a row that were not looked at
         self.found: WrongZero | None = None
 
     @property
@@ -171,10 +173,12 @@ class ReferenceErrors:
             return False
         block, seconds = self._steps, self._seconds
         self._steps, self._seconds = [], 0.0
-        if not self._skipped_s and self.found is None and not self.suspected:
-            self._skipped_s = seconds
+        if self._skipped < LOOK_EVERY - 1 and self.found is None and not self.suspected:
+            self._skipped += 1
+            self._skipped_s += seconds
             return False
-        stands_for, self._skipped_s = seconds + self._skipped_s, 0.0
+        stands_for = seconds + self._skipped_s
+        self._skipped, self._skipped_s = 0, 0.0
         if not self._compare(block, seconds, stands_for):
             return False
         before, self.found = self.found, self._look()
