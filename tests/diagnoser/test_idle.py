@@ -222,10 +222,10 @@ def test_a_motor_that_needs_now_more_now_less_at_the_same_speed_is_not_idle() ->
     assert not any(motors.found)
 
 
-def test_a_motor_that_has_nothing_to_do_for_a_second_is_not_idle() -> None:
+def test_a_motor_that_has_nothing_to_do_for_less_than_a_second_is_not_idle() -> None:
     motors = IdleMotors(4, 1 / LOOK_S)
     look(motors, 5.0, idle=None)
-    look(motors, 1.0, idle=1)
+    look(motors, 0.8, idle=1)
     assert not any(motors.found)
 
 
