@@ -40,7 +40,7 @@ DRIVE_KINDS: dict[str, Kind] = {
     ),
     "wheel_loose": Kind(
         "The wheel has come loose from its motor: the motor turns as it should, the wheel rolls "
-        "as the floor moves it.",
+        "as the floor moves it. Only currents show it, while motors hasten the robot or slow it.",
         "drive",
     ),
     "drive_scale": Kind(
