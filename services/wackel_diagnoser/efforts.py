@@ -244,8 +244,9 @@ class Efforts:
         ]
 
     def rolling(self) -> Rolling | None:
-        """The rolling motors now; ``None`` until it is known what is usual."""
-        if self._learnt_s < LEARNT_S:
+        """The rolling motors now; ``None`` until it is well known what is usual: by what few
+        manoeuvres show, motors that push pass for idle."""
+        if self._learnt_s < LONG_S:
             return None
         rolls = self._rolls
         current = [

@@ -26,12 +26,11 @@ AT_MOST = 1.5
 """But it may sway by so many times that, and is still told."""
 AWAKE_S = 0.3
 """The others work if they have done so for this long."""
-INDEPENDENT = 0.31
+INDEPENDENT = 0.34
 """Share of a look that counts as new. On random ways squares of what motors push last for 6.6
 looks, a quarter of a second, which would make it 0.15; but then few idle motors are told in two
 seconds. Chosen by the evidence that 750 robots without a fault gathered: by the tail of it, they
-would reach the limit once in some five hundred hours. With 0.28 that is once in two thousand, and
-of a hundred idle motors four more are told after two seconds."""
+would reach the limit once in some six hundred hours."""
 FOR = 2.5
 AGAINST = 30.0
 """Of one look's evidence: a motor that has nothing to do now may have in a moment, but one that

@@ -42,21 +42,21 @@ def driven(seconds: float, *, turns: bool) -> Efforts:
 
 
 def test_turning_needs_less_than_driving() -> None:
-    rolling = driven(20.0, turns=True).rolling()
+    rolling = driven(21.0, turns=True).rolling()
     assert rolling is not None
     assert rolling.needs[:3] == pytest.approx(TRUE[:3], rel=0.1)
     assert max(rolling.usual) < 0.01**2
 
 
 def test_what_turning_needs_is_not_guessed_by_who_goes_straight() -> None:
-    rolling = driven(20.0, turns=False).rolling()
+    rolling = driven(21.0, turns=False).rolling()
     assert rolling is not None
     assert rolling.needs[:3] == pytest.approx((TRUE.friction, TRUE.mass, 0.0), rel=0.1, abs=1e-6)
 
 
 def test_who_drives_evenly_for_hours_goes_on() -> None:
     """And forgets what it needed to get there."""
-    efforts = driven(20.0, turns=True)
+    efforts = driven(21.0, turns=True)
     for _ in range(20_000):
         efforts.step(STEP_S, [0.3, 0.3], [0.0, 0.0], 1.0, needed=False)
     rolling = efforts.rolling()
@@ -65,7 +65,7 @@ def test_who_drives_evenly_for_hours_goes_on() -> None:
 
 
 def test_a_current_that_is_not_known_teaches_nothing() -> None:
-    efforts = driven(20.0, turns=True)
+    efforts = driven(21.0, turns=True)
     before = efforts.rolling()
     assert before is not None
     efforts.bus_state("main", BusState(stamp=10**9, servos=[ServoState(id=1, position=0.0)]))

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from tests.diagnoser.rig import Rig
+from tests.diagnoser.rig import WARM_UP_S, Rig
 from wackel_diagnoser.efforts import Needs, Rolling
 from wackel_diagnoser.idle import AT_MOST, NOISE, IdleMotors
 from wackel_kinematics.array import Floats
@@ -275,7 +275,7 @@ def test_nonsense_convicts_nobody(speed: Floats, current: Floats) -> None:
 
 def test_a_wheel_off_its_motor_is_named() -> None:
     rig = Rig.of("tune/loose")
-    rig.drive(12.0)
+    rig.drive(WARM_UP_S)
     assert rig.reports == []
     rig.inject("wheel_loose", "w1")
     rig.drive(5.0)

@@ -4,7 +4,7 @@ from random import Random
 
 import pytest
 
-from tests.diagnoser.rig import SHORT_WARM_UP_S, Rig
+from tests.diagnoser.rig import SHORT_WARM_UP_S, WARM_UP_S, Rig
 from tests.odometry.simulation import other_drives
 from wackel_virtual.build import Build
 
@@ -73,7 +73,7 @@ def test_one_wheel_that_drags_another_in_vain_is_no_fault_of_the_gyro() -> None:
 @pytest.mark.parametrize("name", ["omni", "mecanum"])
 def test_beside_a_free_wheel_of_three_or_four_with_rollers_no_other_can_be_told(name: str) -> None:
     robot = rig(name)
-    robot.drive(SHORT_WARM_UP_S)
+    robot.drive(WARM_UP_S)
     robot.inject("wheel_loose", "w1")
     robot.drive(5.0)
     assert robot.active() == [("wheel_free", "wheel/w1/drive")]

@@ -262,7 +262,7 @@ def test_what_a_free_wheel_of_two_makes_others_seem_is_no_further_fault(
     kind: str, number: int
 ) -> None:
     rig = Rig.of(f"tune/two/{number}", differential_drive())
-    rig.drive(SHORT_WARM_UP_S)
+    rig.drive(WARM_UP_S)
     rig.inject(kind, "left")
     rig.drive(5.0)
     assert rig.active() == [("wheel_free", "wheel/left/drive")]
