@@ -42,6 +42,13 @@ they do not; and what a gently driven robot needs for that, its wheels push each
 HASTENS = 0.25
 """And how many times that it must take to accelerate now: at an even speed wheels push each other
 as they did before."""
+EVEN = 0.05
+"""Of what it usually needs beyond driving, as squares, the share that it must take to accelerate,
+or by which what another needs must have changed of late: who mostly hastens hard and now goes on
+nearly evenly pushes itself about as before."""
+FADES_S = 4.0
+"""In which what has been gathered fades while nothing tells: it was of another motion. What has
+been found stays until its motor works."""
 SURPRISE = 4.0
 """Of the square of what one needs, by what is usual: more speaks no louder against driving, for it
 speaks against idling as well."""
@@ -73,6 +80,7 @@ class IdleMotors:
         # what variance that is known.
         self._own = [(0.0, 0.0)] * count
         self._awake = [0.0] * count
+        self._steady = [0.0] * count  # what each has needed of late, A
         self._before: tuple[list[float], list[float]] | None = None
         self._usual: list[float] | None = None
 
@@ -117,12 +125,17 @@ class IdleMotors:
             means = self._follow(means, rest, seconds)
         self._usual = means
         share, awake = min(1.0, seconds / AWAKE_S), self._awake
+        steady, changes = self._steady, []
         for i, (amperes, mean) in enumerate(zip(alone, means, strict=False)):
             usually = mean if mean > _SWAYING else _SWAYING
             awake[i] += (amperes * amperes / usually - awake[i]) * share
+            changed = amperes - steady[i]
+            steady[i] += changed * share
+            changes.append(changed * changed)
         # The laziest of the others says how much there is to do.
         lowest, second = sorted(awake)[:2]
-        most, unsure = MOST * self._limit, needs.unsure**2
+        most_changed, less_changed = sorted(changes)[:-3:-1]
+        most, unsure, fades = MOST * self._limit, needs.unsure**2, min(seconds / FADES_S, 1.0)
         for i, (mean, gathered) in enumerate(zip(means, self._gathered, strict=False)):
             if faults > faulty[i] and not (faulty[i] and len(means) == 2):  # at another wheel
                 continue
@@ -130,7 +143,9 @@ class IdleMotors:
             # Friction that is known badly may look like idling; that it is tells nothing.
             rough = _MOST_SWAYING + unsure * square
             worth = WORKS * rough
-            tells = inertia >= HASTENS * rough and (mean >= worth or inertia >= worth)
+            changed = most_changed if changes[i] < most_changed else less_changed
+            new = inertia >= EVEN * mean or changed >= EVEN * mean
+            tells = new and inertia >= HASTENS * rough and (mean >= worth or inertia >= worth)
             if not (tells or gathered):
                 continue
             noise = _SWAYING + unsure * square
@@ -145,7 +160,8 @@ class IdleMotors:
             surprise = min(rest[i] * rest[i] / (noise + mean), SURPRISE)
             told = 0.5 * (math.log(_SWAYING + works) + surprise - idle)
             told = INDEPENDENT * min(max(told, -AGAINST), FOR if tells else 0.0)
-            self._gathered[i] = min(max(gathered + told, 0.0), most)
+            kept = gathered if tells or self.found[i] else gathered * (1.0 - fades)
+            self._gathered[i] = min(max(kept + told, 0.0), most)
         self.found = [
             gathered > (0.5 if known else 1.0) * self._limit
             for gathered, known in zip(self._gathered, self.found, strict=True)

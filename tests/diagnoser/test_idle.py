@@ -66,6 +66,14 @@ def test_a_motor_that_idles_while_others_work_is_found_and_heals() -> None:
     assert not any(motors.found)
 
 
+def test_a_motor_that_was_found_stays_so_at_an_even_speed() -> None:
+    motors = IdleMotors(4, 1 / LOOK_S)
+    look(motors, 5.0, idle=2)
+    for _ in range(round(60.0 / LOOK_S)):
+        see(motors, 0.3, np.full(4, NEEDS.friction * 0.3))
+    assert motors.found == [False, False, True, False]
+
+
 def test_a_motor_that_idles_unevenly_is_found() -> None:
     motors = IdleMotors(4, 1 / LOOK_S)
     look(motors, 5.0, idle=2, sways_a=AT_MOST * NOISE)
@@ -250,6 +258,20 @@ def test_motors_of_a_robot_that_hastens_gently_are_not_idle() -> None:
         load = push + NEEDS.mass * acceleration
         current = NEEDS.friction * speed + load + rng.normal(0.0, 0.003, 4)
         see(motors, speed, current, [0.012**2] * 4)
+        assert not any(motors.found)
+
+
+def test_a_motor_that_others_relieve_while_hardly_anything_changes_is_not_idle() -> None:
+    """As one in fifteen hours did: it hardly hastens, and all push each other as before."""
+    motors = IdleMotors(4, 1 / LOOK_S)
+    rng = np.random.default_rng(8)
+    speed, push = 1.0, np.array([0.05, 0.0, -0.15, 0.1])
+    for _ in range(round(8.0 / LOOK_S)):
+        speed += 0.3 * LOOK_S
+        load = push + NEEDS.mass * 0.3
+        load[1] = 0.0
+        current = NEEDS.friction * speed + load + rng.normal(0.0, 0.005, 4)
+        see(motors, speed, current, [0.14**2] * 4)
         assert not any(motors.found)
 
 
