@@ -7,6 +7,7 @@ import pytest
 
 from tests.diagnoser.rig import SEED, Rig
 from tests.odometry.simulation import differential_drive
+from wackel_diagnoser.core import LOOK_EVERY
 from wackel_schemas import component
 from wackel_schemas.drive import TwistCommand
 
@@ -95,3 +96,18 @@ def test_who_looks_at_residuals_changes_no_conclusion() -> None:
     unseen = conclusions(shown=False)
     assert len(unseen) > 1
     assert conclusions(shown=True) == unseen
+
+
+def test_what_stirs_is_seen_in_whichever_step_it_begins(warm: Rig) -> None:
+    """Though of calm steps only every fourth is looked at."""
+    rig, delays = warm.copy(), []
+    rig.drive(1.0, np.array([0.5, 0.0, 0.0]))
+    for _ in range(LOOK_EVERY):
+        rig.cycle(np.array([0.5, 0.0, 0.0]))
+        faulty = rig.copy()
+        faulty.inject("drive_sensor_stuck", "w1", None)
+        begin = faulty.cycles
+        while not faulty.active() and faulty.cycles < begin + 50:
+            faulty.cycle(np.array([0.5, 0.0, 0.0]))
+        delays.append(faulty.cycles - begin)
+    assert max(delays) - min(delays) <= 1, delays
