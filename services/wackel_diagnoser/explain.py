@@ -90,6 +90,8 @@ def _of_fault(fault: str, seen: dict[str, tuple[float, tuple[str, ...]]]) -> lis
 
 def _notes(config: RobotConfig) -> list[str]:
     """What no geometry changes."""
+    from wackel_diagnoser.efforts import LONG_S
+
     assert config.drive is not None
     steered = any(wheel.steering is not None for wheel in config.drive.wheels)
     notes = ["Whatever the geometry:"]
@@ -103,7 +105,7 @@ def _notes(config: RobotConfig) -> list[str]:
     notes.append(
         "  a wheel that rolls freely looks sound: it shows if its servo reports torque off, or if "
         "its current stays that of a motor alone while the others hasten and slow down; creeping "
-        "along does not tell"
+        f"along does not tell, and {LONG_S:.0f} s of driving must have shown what is usual"
     )
     notes.append("  a wheel on ice does not show while the others hold the robot on its way")
     if steered:
