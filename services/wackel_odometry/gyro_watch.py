@@ -20,6 +20,9 @@ RATE_NS = 1_000_000_000
 OFFSET_S = 0.02
 """At 5 rad/s², a quick turn's start, it makes an error of 0.1 rad/s."""
 OFFSET_SIGMAS = 5.0
+OFFSET_LASTS_NS = 2_000_000_000
+"""A clock that is off stays so; a wheel that is dragged until it is excluded seems to be late or
+early as it pleases."""
 
 
 class GyroWatch:
@@ -46,7 +49,8 @@ class GyroWatch:
         self._window: tuple[int, int] | None = None  # since, samples
         self._rate: float | None = None
         self._offset = TimeOffset()
-        self._late: Offset | None = None  # its offset, if that is told
+        self._late: Offset | None = None  # its offset, if that is too large
+        self._late_since = 0
 
     @property
     def frozen(self) -> bool:
@@ -143,8 +147,11 @@ class GyroWatch:
                 found.append(_wrong_rate(self._rate, config.rate))
             if (offset := self._offset.estimate()) is not None:  # a robot at rest disproves none
                 beyond = abs(offset.seconds) > max(OFFSET_S, OFFSET_SIGMAS * offset.sigma)
+                if self._late is None:
+                    self._late_since = now
                 self._late = offset if beyond else None
-            if self._late is not None:
+            lasts = not 0 <= now - self._late_since < OFFSET_LASTS_NS
+            if self._late is not None and lasts:
                 found.append(_offset(*self._late))
         if abs(bias) - 3 * sigma > config.bias_limit:
             found.append(

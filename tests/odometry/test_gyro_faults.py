@@ -21,8 +21,10 @@ from tests.odometry.simulation import (
     steered_drive,
 )
 from tests.odometry.test_core import Ride, replace_errors
+from wackel_drive.alignment import Step
 from wackel_node.config_drive import GyroConfig
 from wackel_odometry.core import RELEARN_S, Odometer
+from wackel_odometry.gyro_watch import GyroWatch
 from wackel_schemas import wire
 from wackel_schemas.bus import BusState
 from wackel_schemas.drive import ImuSample, Odometry
@@ -254,3 +256,24 @@ def test_on_a_random_path_with_calibration_errors_nothing_is_blamed(seed: int) -
         ride.feed(moment)
     assert ride.reports == []
     assert math.isfinite(ride.now.x)
+
+
+def watched(late_s: float, for_s: float) -> list[str]:
+    """Complaints about a gyro whose robot turns to and fro while its wheels seem early by so much
+    for some time, as those that drag one along may seem."""
+    watch, found, step_ns = GyroWatch(GyroConfig()), [], 10_000_000
+    for number in range(1200):
+        seconds, end = number * 0.01, START_NS + (number + 1) * step_ns
+        early = late_s if 6.0 <= seconds < 6.0 + for_s else 0.0
+        wheels, gyro = math.sin(2.0 * (seconds + early)), math.sin(2.0 * seconds)
+        watch.sample(end, (0.0, 0.0, gyro), gyro, sound=True)
+        step = Step(end - step_ns, end, 0.01, [], [], [], [gyro])
+        watch.usable(step, gyro)
+        watch.step(step, wheels, gyro, 0.0)
+        found += watch.complaints(end, 0.0, 0.001)
+    return sorted({complaint.code for complaint in found})
+
+
+def test_stamps_that_seem_off_for_a_moment_are_not() -> None:
+    assert watched(0.3, for_s=1.0) == []
+    assert watched(0.3, for_s=6.0) == ["gyro_time_offset"]
