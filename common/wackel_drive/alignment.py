@@ -37,7 +37,8 @@ AHEAD_NS = 1_000_000_000
 """Stamps further ahead of the steps are not believed at once: they follow a gap, a step of the
 clock, or nonsense."""
 TO_RESTART = 5
-"""States in a row with such stamps, or with stamps of the past, after which they are believed."""
+"""Ever newer stamps of states in a row that are such, or of the past, after which they are
+believed."""
 MOST_ANGLE = 1e8
 """rad; a counter of 32 bit with 4096 steps a turn ends at 3.3e6."""
 MOST_RATE = 1e3
@@ -116,8 +117,8 @@ class Alignment:
         self._tracks = (*(gyro.track for gyro in self._gyros.values()), *servos)
         self._done: int | None = None
         self._wheels_newest = 0
-        self._strange = 0  # states in a row whose stamps do not fit
-        self._strange_stamp = 0
+        self._strange = 0  # stamps of states in a row that do not fit, each newer than all before
+        self._strange_newest = 0
 
     @property
     def done(self) -> int | None:
@@ -125,7 +126,8 @@ class Alignment:
         return self._done
 
     def bus_state(self, bus: str, state: BusState) -> bool:
-        """Takes in what the servos of a bus said; what is not of the drive is ignored.
+        """Takes in what the servos of a bus said; what is not of the drive is ignored, and so is
+        the speed of a servo that says its position in states of their own.
 
         Returns:
             Whether any of it was taken; else no step can have become due.
@@ -139,7 +141,7 @@ class Alignment:
             if track is None:
                 continue
             position, velocity = servo.position, servo.velocity
-            if position is None and velocity is None:
+            if position is None and (velocity is None or track.shows_angle(stamp)):
                 continue
             if not believed:
                 if not state.late_s <= UNCERTAIN_S:  # NaN is not, either
@@ -243,21 +245,28 @@ class Alignment:
         """Whether a state's stamp can be believed; starts time anew where enough of them agree."""
         done = self._done
         if done is None:
-            self._done = stamp
+            self._begin(stamp)
             return True
         if done - AHEAD_NS < stamp <= done + AHEAD_NS:
             self._strange = 0
             return True
-        if 0 < stamp - self._strange_stamp <= AHEAD_NS:
-            self._strange += 1
-        else:
-            self._strange = 1
-        self._strange_stamp = stamp
+        if abs(stamp - self._strange_newest) > AHEAD_NS:
+            self._strange, self._strange_newest = 1, stamp
+        elif stamp > self._strange_newest:
+            # Only then: buses that take turns may tell of the past, and a state may come twice.
+            self._strange, self._strange_newest = self._strange + 1, stamp
         if self._strange < TO_RESTART:
             self._refuse(component.bus(bus), "ahead" if stamp > done else "late")
             return False
         self._restart(stamp)
         return True
+
+    def _begin(self, stamp: int) -> None:
+        """The first state: from now on there is something to hold the stamps of gyros against."""
+        self._done = self.newest = stamp
+        for gyro in self._gyros.values():
+            if abs(gyro.track.newest - stamp) > AHEAD_NS:
+                gyro.track.clear()
 
     def _newer(self, stamp: int) -> None:
         if self.newest is None or stamp > self.newest:

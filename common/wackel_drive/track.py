@@ -76,6 +76,13 @@ class Track:
         samples[at : at + 1] = sample, (after, next_angle, next_rate, turned)
         return "reordered"
 
+    def shows_angle(self, stamp: int) -> bool:
+        """Whether a rate alone has nothing to add at a time, for angles come often enough."""
+        if not self._samples:
+            return False
+        newest, angle = self._samples[-1][:2]
+        return angle is not None and stamp - newest <= LONGEST_GAP_NS
+
     def after(self, stamp: int) -> int | None:
         """Stamp of the first sample at or after a time; ``None`` if there is none."""
         for sample in self._samples:  # It is among the first: steps drop what they have passed.

@@ -119,7 +119,7 @@ class GyroConfig(Section, kw_only=True, frozen=True):
             ``registers.z = { address = 68 }``.
         device: Of source iio: its name (``lsm6dsl_gyro``) or path (``/dev/iio:device0``).
         axis: Which axis of the sensor points up.
-        rate: Samples per second.
+        rate: Samples per second; below 33, most steps of wheels at 100 Hz go without.
         noise_density: rad/s/√Hz (0.01 °/s/√Hz).
         bias_limit: Greatest bias after power-on, rad/s.
         bias_stability: How far the bias wanders within 100 s, rad/s.

@@ -115,6 +115,22 @@ def test_two_buses_that_read_at_different_times_share_steps() -> None:
         assert step.wheel_rate == pytest.approx([RATE, RATE])
 
 
+def test_speeds_in_states_of_their_own_do_not_come_between_positions() -> None:
+    """A control may read both in turn, each in an instruction of its own."""
+    aligned = alignment()
+    for ms in range(0, 500, 10):
+        speeds = [ServoState(id=i, velocity=9.0) for i in (1, 2)]
+        if ms < 200:
+            aligned.bus_state("main", state(ms))
+        aligned.bus_state("main", BusState(stamp=START + (ms + 1) * MS, servos=speeds))
+    found = steps(aligned)
+    assert ends(found)[:19] == [*range(10, 200, 10)]
+    assert np.array([step.wheel_rate for step in found[:19]]) == pytest.approx(RATE)
+    # Without positions they are what there is, though none leads there from the last position.
+    assert np.isnan(found[19].wheel_rate).all()
+    assert found[-1].wheel_rate == pytest.approx([9.0, 9.0])
+
+
 def test_an_answer_that_was_lost_once_is_made_up_for_by_the_next() -> None:
     aligned = alignment()
     aligned.bus_state("main", state(0))
@@ -250,6 +266,48 @@ def test_a_clock_that_was_set_is_followed_once_several_states_agree(jump_ms: int
         aligned.bus_state("main", state(jump_ms + 10 * i))
     assert aligned.restarts == 1
     assert ends(steps(aligned)) == [jump_ms + 10 * (TO_RESTART + i) for i in range(2)]
+
+
+def test_a_stamp_that_repeats_itself_is_not_followed() -> None:
+    aligned = alignment()
+    aligned.bus_state("main", state(0))
+    for _ in range(3 * TO_RESTART):
+        aligned.bus_state("main", state(3_600_000))
+    assert aligned.restarts == 0
+
+
+@pytest.mark.parametrize("right_ms", [0, 1, -1, -9])
+def test_two_buses_follow_a_clock_that_was_set_in_whatever_order_they_tell(right_ms: int) -> None:
+    """Stamps are of when the gateway asks, and it tells once all have answered."""
+    aligned = alignment(drive("a", "b"))
+    for i in range(3 * TO_RESTART):
+        jump_ms = 5_000 if i > 1 else 0
+        aligned.bus_state("a", state(10 * i + jump_ms, 1))
+        aligned.bus_state("b", state(10 * i + jump_ms + right_ms, 2))
+    assert aligned.restarts == 1
+    assert steps(aligned)[-1].wheel_rate == pytest.approx([RATE, RATE])
+
+
+def test_states_that_come_twice_follow_a_clock_that_was_set() -> None:
+    aligned = alignment()
+    for i in range(3 * TO_RESTART):
+        for _ in range(2):
+            aligned.bus_state("main", state(10 * i + (5_000 if i > 1 else 0)))
+    assert aligned.restarts == 1
+    assert ends(steps(aligned))[-1] == 10 * (3 * TO_RESTART - 1) + 5_000
+
+
+@pytest.mark.parametrize("off_ms", [-3_600_000, 3_600_000])
+def test_a_gyro_that_was_wrong_before_the_wheels_were_heard_is_used_once_it_is_right(
+    off_ms: int,
+) -> None:
+    aligned = alignment(gyro=True)
+    aligned.gyro("body", imu(off_ms, 1.0))
+    for ms in range(0, 60, 10):
+        aligned.gyro("body", imu(ms, 1.0))
+        aligned.bus_state("main", state(ms))
+    assert aligned.newest == START + 50 * MS
+    assert steps(aligned)[-1].gyro_rate == pytest.approx([-1.0])
 
 
 def test_a_gyro_with_another_clock_does_not_stop_the_steps() -> None:
