@@ -33,8 +33,9 @@ class Run:
     Attributes:
         poses: True poses [x, y, θ], m, m, rad, shape (m + 1, 3).
         rolled: How far each wheel turned in each step, rad, shape (m, n).
-        heading: Direction of each wheel in each step as configured, rad to the left of forward,
-            shape (m, n); ignored where a wheel does not steer.
+        heading: Direction that the servo of each wheel shows in each step, without
+            ``steering_offset``, rad to the left of forward, shape (m, n); ignored where a wheel
+            does not steer.
     """
 
     poses: Floats

@@ -6,7 +6,7 @@ from wackel_drive.alignment import Refusal
 from wackel_odometry.reports import Complaint
 
 FORGIVEN = 10
-"""Late or repeated samples within MEMORY_NS that a busy computer may cause."""
+"""Late or repeated samples at once, and as many each MEMORY_NS, that a busy computer may cause."""
 MEMORY_NS = 1_000_000_000
 
 _REASONS: dict[Refusal, str] = {
@@ -23,13 +23,17 @@ class InputWatch:
     """Counts refused samples by source and reason."""
 
     def __init__(self) -> None:
-        self._seen: dict[tuple[str, Refusal], tuple[int, int]] = {}  # last stamp, count
+        self._seen: dict[tuple[str, Refusal], tuple[int, int, float]] = {}
+        """Last stamp; how many in a row, none further apart than is remembered; and how many of
+        them are left after what is forgiven with time, up to twice what is forgiven at once."""
 
     def refuse(self, refused: Iterable[tuple[str, Refusal]], now: int) -> None:
         """Samples that were not taken at a time."""
         for key in refused:
-            last, count = self._seen.get(key, (now, 0))
-            self._seen[key] = now, count + 1 if abs(now - last) <= MEMORY_NS else 1
+            last, count, level = self._seen.get(key, (now, 0, 0.0))
+            since = abs(now - last) / MEMORY_NS
+            left = max(level - since * FORGIVEN, 0.0)
+            self._seen[key] = now, 1 + (count if since <= 1 else 0), min(left + 1, 2 * FORGIVEN)
 
     def complaints(self, now: int) -> dict[str, list[Complaint]]:
         """What is wrong with each source that was ever refused; an empty list: no longer anything.
@@ -37,9 +41,9 @@ class InputWatch:
         One sample that cannot be is enough; of the others, more than a busy computer causes.
         """
         found: dict[str, list[Complaint]] = {source: [] for source, _ in self._seen}
-        for (source, reason), (last, count) in self._seen.items():
+        for (source, reason), (last, count, level) in self._seen.items():
             recent = abs(now - last) <= MEMORY_NS
-            if recent and not found[source] and (reason == "implausible" or count > FORGIVEN):
+            if recent and not found[source] and (reason == "implausible" or level > FORGIVEN):
                 found[source].append(
                     Complaint(
                         "bad_input",

@@ -12,9 +12,9 @@ from operator import gt
 import numpy as np
 from msgspec.structs import replace
 
-from wackel_drive.alignment import Alignment, Step
+from wackel_drive.alignment import AHEAD_NS, Alignment, Step
 from wackel_drive.layout import Layout
-from wackel_kinematics.array import Bools
+from wackel_kinematics.array import Bools, Floats
 from wackel_node.config_drive import DriveConfig, GyroConfig
 from wackel_odometry.complaints import InputWatch
 from wackel_odometry.filter import FIRST_BIAS, OMEGA, POSE, TWIST, PlanarFilter
@@ -55,6 +55,9 @@ wheels so evenly, so the bias has jumped."""
 UNSEEN_SPEED = 0.5
 """m/s and rad/s at which a robot may have moved during a gap."""
 UNSEEN_LONGEST_S = 60.0
+ANEW_NS = 1_000_000_000
+"""For how long after such a gap it is said that the pose is to be set: until who subscribes has
+seen it, and twice what health takes to believe it."""
 EXAMINE_NS = 250_000_000
 """How often faults are looked at; all of them need longer to be seen."""
 FARTHEST = 1e6
@@ -108,7 +111,8 @@ class Odometer:
         self._silent = False  # the wheels are, and it has been told
         self._told = 0
         self._backlog = False  # samples of gyros wait for wheels, of a fast one more than are kept
-        self._lost = ""
+        self._lost = ""  # why the pose is
+        self._lost_until = math.inf  # UTC ns, unless it is set before
 
     def bus_state(self, bus: str, state: BusState) -> list[Message]:
         """Takes in what the servos of a bus said.
@@ -139,7 +143,7 @@ class Odometer:
             if why == "flood" and (self._backlog or self._overdue(stamp)):
                 self._backlog = True
                 refused.clear()
-        watch.sample(stamp, sample.angular_velocity, rate, sound)
+        watch.sample(stamp, sample.angular_velocity, rate, sound, self._alignment.newest)
         messages = [*self._steps(), *self._refusals(stamp)]
         # One that was never in step may have any clock.
         if watch.in_step and watch.witness.waited(stamp, self._alignment.done) >= SILENT_NS:
@@ -174,7 +178,10 @@ class Odometer:
     def _block(self, components: Collection[str]) -> None:
         """Rows of these are not used."""
         self._allowed = ~blocked(self._rows, components)
-        self._believed: list[bool] = self._allowed[self._roll_rows].tolist()
+        self._believed: tuple[list[bool], list[bool]] = (
+            self._allowed[self._roll_rows].tolist(),
+            self._allowed[self._rows.wheels :].tolist(),
+        )
 
     def active(self) -> list[FaultReport]:
         """The faults that are active, in the order in which they began."""
@@ -192,8 +199,7 @@ class Odometer:
         """
         now = stamp if now is None else now
         if request.operation == "reset":
-            self._filter.set_pose(np.zeros(3), 0.0, 0.0)
-            self._lost = ""
+            self._place(np.zeros(3), 0.0, 0.0)
             text = "the pose is the origin"
         elif request.operation == "set_pose":
             pose = request.x, request.y, request.theta
@@ -208,13 +214,10 @@ class Odometer:
                     text=f"pose and sigmas must be numbers up to {FARTHEST:g}, sigmas from 0 up",
                     odometry=self._as_of(now),
                 )
-            self._filter.set_pose(np.array(pose), request.position_sigma, request.heading_sigma)
-            self._lost = ""
+            self._place(np.array(pose), *sigmas)
             text = f"the pose is {request.x:g} m, {request.y:g} m, {request.theta:g} rad"
         else:
             text = "the latest" if self._latest is not None else "no step has been made yet"
-        if self._latest is not None and request.operation != "get":
-            self._latest = self._placed(self._latest)
         return OdometryReply(stamp=stamp, ok=True, text=text, odometry=self._as_of(now))
 
     def _steps(self) -> list[Message]:
@@ -239,7 +242,9 @@ class Odometer:
         usable = rows.present
         if self._excluded:
             usable = usable & self._allowed
-        resting = self._standstill.step(step, self._believed)
+        resting = self._standstill.step(step, *self._believed)
+        if not self._standstill.wheels_s:
+            self._contradicted = [0.0] * len(self._contradicted)
         verdict = self._rest(rows, usable, step.seconds) if resting else None
         standing = verdict is not None
         if verdict is None:
@@ -248,6 +253,9 @@ class Odometer:
         if not estimator.sound():
             estimator.restart()
             self._lost = "the arithmetic has failed; the pose starts anew"
+            self._lost_until = math.inf
+        elif self._lost and step.end >= self._lost_until:
+            self._lost = ""
         self._latest = self._odometry(step, rows, usable, verdict, standing)
         return self._latest
 
@@ -392,16 +400,22 @@ class Odometer:
             states.append(state)
         return states
 
-    def _placed(self, odometry: Odometry) -> Odometry:
-        """The latest, at the pose to which it was set."""
+    def _place(self, pose: Floats, position_sigma: float, heading_sigma: float) -> None:
+        """Sets the pose, in the latest odometry, too; with that it is no longer lost."""
+        self._filter.set_pose(pose, position_sigma, heading_sigma)
+        lost, self._lost = self._lost, ""
+        if (latest := self._latest) is None:
+            return
         px, py, theta = self._filter.x[POSE].tolist()
-        covariance = self._filter.P[POSE, POSE].ravel().tolist()
-        return replace(
-            odometry,
+        reason = "" if latest.reason == lost else latest.reason
+        self._latest = replace(
+            latest,
             x=px,
             y=py,
             theta=math.remainder(theta, math.tau),
-            pose_covariance=covariance,
+            pose_covariance=self._filter.P[POSE, POSE].ravel().tolist(),
+            valid=not reason,
+            reason=reason,
         )
 
     def _examine(self, now: int) -> list[FaultReport]:
@@ -453,23 +467,29 @@ class Odometer:
     def _overdue(self, now: int) -> bool:
         """Whether there should have been a step by now."""
         done = self._alignment.done
-        return done is None or now - done >= SILENT_NS
+        # Of a little before the latest step may be what a gyro tells late.
+        return done is None or not -AHEAD_NS < now - done < SILENT_NS
 
     def _as_of(self, now: int) -> Odometry | None:
         """The latest, as old as it is by now."""
         latest, done = self._latest, self._alignment.done
-        if latest is None or done is None or now <= done:
+        if latest is None or done is None:
             return latest
-        age_s = (now - done) / 1e9
+        age_s = max(now - done, 0) / 1e9
         if not self._overdue(now):
-            return replace(latest, age_s=age_s)
-        reason = f"the wheels have said nothing for {age_s:.1f} s"
+            return replace(latest, age_s=age_s) if age_s else latest
+        lasts = f"for {age_s:.1f} s" if age_s else "since the clock was set back"
+        reason = f"the wheels have said nothing {lasts}"
         return replace(latest, valid=False, reason=reason, age_s=age_s)
 
     def _unseen(self, before: int, after: int) -> None:
         """Time was started anew: the robot may have moved meanwhile."""
-        gap_s = min(abs(after - before) / 1e9, UNSEEN_LONGEST_S)
+        seconds = abs(after - before) / 1e9
+        gap_s = min(seconds, UNSEEN_LONGEST_S)
         self._filter.widen_pose(UNSEEN_SPEED * gap_s, UNSEEN_SPEED * gap_s)
+        way = "on" if after > before else "back"
+        self._lost = f"time went {way} by {seconds:.1f} s at once; the robot may have moved unseen"
+        self._lost_until = after + ANEW_NS
 
 
 def _pose_unknown(reason: str) -> Complaint:

@@ -2,7 +2,7 @@
 
 import math
 
-from wackel_drive.alignment import Step
+from wackel_drive.alignment import WAIT_NS, Step
 from wackel_drive.stuck import SAMPLES, StuckValue
 from wackel_node.config_drive import RATE_FACTOR, GyroConfig
 from wackel_odometry.reports import Complaint
@@ -42,10 +42,10 @@ class GyroWatch:
         self._config = config
         self._value = StuckValue()
         self._saturated: tuple[int, int] | None = None  # first and last of the present run
-        self._stamp: int | None = None
         self._uncovered_ns = 0  # of the steps since the last one that its samples cover
         self._heard_ns = 0  # how much that was when a sample last came
         self._came = self._useless = 0  # samples since then; those with nothing wrong but the stamp
+        self._behind_ns = 0  # the most that one of those was behind the others, or ahead if below 0
         self._window: tuple[int, int] | None = None  # since, samples
         self._rate: float | None = None
         self._offset = TimeOffset()
@@ -63,6 +63,7 @@ class GyroWatch:
         values: tuple[float, float, float],
         rate: float | None,
         sound: bool,
+        newest: int | None,
     ) -> None:
         """A sample as it came.
 
@@ -71,15 +72,17 @@ class GyroWatch:
             values: About the sensor's axes, rad/s.
             rate: About the robot's z axis; ``None`` if it was not taken.
             sound: Whether at most its stamp was against that.
+            newest: Stamp that the sensors had come to, this one left out if it was not taken.
         """
         self._value.sample(stamp, values)
         if rate is not None and abs(rate) >= NEAR_SATURATION * self._config.saturation:
             first, last = self._saturated or (stamp, stamp)
             # Steps are made of samples that are long there: the latest alone is of none of them.
             self._saturated = first if 0 <= stamp - last <= SATURATED_NS else stamp, stamp
-        self._stamp = stamp
         self._came += 1
         self._useless += sound
+        if sound and newest is not None and abs(newest - stamp) > abs(self._behind_ns):
+            self._behind_ns = newest - stamp
         self._heard_ns = self._uncovered_ns
         since, count = self._window or (stamp, 0)
         if not 0 <= stamp - since <= 2 * RATE_NS:
@@ -105,7 +108,7 @@ class GyroWatch:
         elif step.end - step.begin <= SILENT_NS:  # else the wheels themselves were silent
             if not self._uncovered_ns:
                 # While there were no steps, none could be of use.
-                self._came = self._useless = self._heard_ns = 0
+                self._came = self._useless = self._heard_ns = self._behind_ns = 0
             self._uncovered_ns += step.end - step.begin
         period = 1e9 / self._config.rate
         saturated = self._saturated is not None and (
@@ -141,7 +144,7 @@ class GyroWatch:
                 )
             )
         if self._uncovered_ns > SILENT_NS:
-            found += self._out_of_step(now)
+            found += self._out_of_step()
         elif self._rate is not None:
             if not 1 / RATE_FACTOR <= self._rate / config.rate <= RATE_FACTOR:
                 found.append(_wrong_rate(self._rate, config.rate))
@@ -165,8 +168,9 @@ class GyroWatch:
             )
         return found
 
-    def _out_of_step(self, now: int) -> list[Complaint]:
-        """No sample covers the steps: there are none or few, or their stamps are of another time.
+    def _out_of_step(self) -> list[Complaint]:
+        """No sample covers the steps: there are none or few, they come late, or their stamps are of
+        another time.
 
         What is wrong with them else is told of the input.
         """
@@ -175,11 +179,12 @@ class GyroWatch:
             text = f"no sample for {silent_ns / 1e9:.1f} s of the wheels' time"
             return [Complaint("gyro_silent", text)]
         rate = self._came * 1e9 / max(self._heard_ns, 1)  # whatever their stamps are
-        if rate < self._config.rate / RATE_FACTOR:
+        needed = max(self._config.rate, 1e9 / WAIT_NS)  # steps do not wait for slower ones
+        if rate < needed / RATE_FACTOR:
             known = self._uncovered_ns > RATE_NS
-            return [_wrong_rate(rate, self._config.rate)] if known else []
-        if self._stamp is not None and self._useless >= SAMPLES:
-            return [_offset((self._stamp - now) / 1e9, 0.0)]
+            return [_wrong_rate(rate, needed)] if known else []
+        if self._useless >= SAMPLES:
+            return [_offset(-self._behind_ns / 1e9, 0.0)]
         return []
 
 

@@ -48,18 +48,18 @@ class Standstill:
         self._low = [math.inf] * len(self._density)
         self._high = [-math.inf] * len(self._density)
 
-    def step(self, step: Step, believed: list[bool]) -> bool:
+    def step(self, step: Step, wheels: list[bool], gyros: list[bool]) -> bool:
         """Takes in a step; says whether the robot stands.
 
         Args:
             step: What the sensors said; a sensor that said nothing is left out.
-            believed: Which of the roll wheels are not excluded, in their order.
+            wheels, gyros: Which of the roll wheels and gyros are believed, in their order.
         """
         seconds = step.seconds
         rates = [step.wheel_rate[i] for i in self._wheels]
-        still = self._still(rates, believed, seconds)
+        still = self._still(rates, wheels, seconds)
         self.wheels_s = self.wheels_s + seconds if still else 0.0
-        quiet = self._quiet(step.gyro_rate, seconds)
+        quiet = self._quiet(step.gyro_rate, gyros, seconds)
         self._gyros_s = self._gyros_s + seconds if quiet else 0.0
         return min(self.wheels_s, self._gyros_s) >= LEAST_S
 
@@ -76,11 +76,11 @@ class Standstill:
         self._turned = [0.0] * len(rates)
         return False
 
-    def _quiet(self, rates: list[float], seconds: float) -> bool:
-        """Whether each gyro stays within its noise; one that says nothing does."""
+    def _quiet(self, rates: list[float], believed: list[bool], seconds: float) -> bool:
+        """Whether each gyro that is believed stays within its noise; one that says nothing does."""
         quiet = True
         for i, rate in enumerate(rates):
-            if not math.isfinite(rate):
+            if not (believed[i] and math.isfinite(rate)):
                 continue
             low, high = min(self._low[i], rate), max(self._high[i], rate)
             allowed = GYRO_SPREAD * self._density[i] / math.sqrt(seconds) + GYRO_STEP

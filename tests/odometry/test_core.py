@@ -423,10 +423,89 @@ def test_after_a_long_gap_the_pose_is_as_uncertain_as_the_robot_was_free_to_move
     ride = Ride()
     ride.drive(1.0, 0.0, 0.0, 0.0)
     ride.moments(10.0, 0.0, 0.0, 0.0)
-    ride.drive(1.0, 0.0, 0.0, 0.0)
+    ride.drive(0.5, 0.0, 0.0, 0.0)
     assert ride.now.restarts == 1
     assert math.sqrt(ride.now.pose_covariance[0]) == pytest.approx(5.0, rel=0.05)
+    assert not ride.now.valid
+    assert ride.now.reason == "time went on by 10.1 s at once; the robot may have moved unseen"
+    ride.drive(1.5, 0.0, 0.0, 0.0)
     assert ride.now.valid
+    assert ride.codes() == [("pose_unknown", "active"), ("pose_unknown", "healed")]
+
+
+def test_a_clock_that_is_set_back_is_told_until_the_pose_is_set() -> None:
+    ride = Ride()
+    ride.drive(1.0, 0.2, 0.0, 0.0)
+    hour_ns = 3600 * SECOND
+    for moment in ride.moments(0.3, 0.2, 0.0, 0.0):
+        moment.state.stamp -= hour_ns
+        moment.sample.stamp -= hour_ns
+        ride.feed(moment)
+    assert ride.now.reason.startswith("time went back by 3599.9 s at once")
+    assert ride.reports[-1].code == "pose_unknown"
+    reply = ride.odometer.request(OdometryRequest(operation="reset"), ride.now.stamp)
+    assert reply.odometry is not None
+    assert reply.odometry.valid
+    for moment in ride.moments(0.3, 0.2, 0.0, 0.0):
+        moment.state.stamp -= hour_ns
+        ride.take(ride.odometer.bus_state(BUS, moment.state))
+    assert ride.now.valid
+    assert ride.codes()[-1] == ("pose_unknown", "healed")
+
+
+def test_wheels_that_fall_silent_while_the_clock_is_set_back_are_told() -> None:
+    ride = Ride()
+    ride.drive(1.0, 0.2, 0.0, 0.0)
+    back = ride.now.stamp - 3600 * SECOND
+    for second in range(3):
+        ride.beat(back + second * SECOND)
+    assert ride.now.reason == "the wheels have said nothing since the clock was set back"
+    assert ride.codes() == [("pose_unknown", "active")]
+    reply = ride.odometer.request(OdometryRequest(), back)
+    assert reply.odometry is not None
+    assert not reply.odometry.valid
+
+
+def test_a_gyro_that_is_not_believed_does_not_keep_the_robot_from_standing() -> None:
+    config = differential_drive()
+    odometer = Odometer(config, {"good": GyroConfig(), "noisy": GyroConfig()})
+    noisy = Exclusion(component="gyro/noisy", fault="sensor", reason="noise")
+    odometer.exclusions(Exclusions(stamp=START_NS, excluded=[noisy]))
+    random = np.random.default_rng(1)
+    told: list[Message] = []
+    for moment in Robot(config, exact(2), random).drive(np.zeros((200, 3))):
+        told += odometer.bus_state(BUS, moment.state)
+        for name, rate in (("good", 0.03), ("noisy", random.normal(0.0, 0.5))):
+            sample = ImuSample(stamp=moment.sample.stamp, angular_velocity=(0.0, 0.0, rate))
+            told += odometer.imu(name, sample)
+    now = told[-1]
+    assert isinstance(now, Odometry)
+    assert now.standing
+    assert now.gyros[0].bias == pytest.approx(0.03, abs=0.001)
+
+
+def test_rests_on_what_turns_the_robot_do_not_add_up_to_a_bias() -> None:
+    ride = Ride(differential_drive(), replace_errors(exact(2), noise_density=0.0002))
+    ride.drive(3.0, 0.0, 0.0, 0.0)
+    for _ in range(2 * math.ceil(RELEARN_S)):
+        ride.drive(1.0, 0.3, 0.0, 0.0)
+        for moment in ride.moments(1.0, 0.0, 0.0, 0.0):
+            moment.sample.angular_velocity = (0.0, 0.0, 0.3 + moment.sample.angular_velocity[2])
+            ride.feed(moment)
+    assert ride.now.gyros[0].bias == pytest.approx(0.0, abs=0.001)
+    assert ride.reports == []
+
+
+@pytest.mark.parametrize(("every", "told"), [(90, False), (5, True)])
+def test_only_more_repeated_samples_than_a_busy_computer_causes_are_told(
+    every: int, told: bool
+) -> None:
+    ride = Ride()
+    for number, moment in enumerate(ride.moments(20.0, 0.2, 0.0, 0.1)):
+        ride.feed(moment)
+        if number % every == 0:
+            ride.take(ride.odometer.imu(GYRO, moment.sample))
+    assert ride.codes() == ([("bad_input", "active")] if told else [])
 
 
 @pytest.mark.parametrize("silent_s", [(0.0, 1.5), (1.0, 1.9)], ids=["at first", "later"])
@@ -540,7 +619,7 @@ def test_a_pose_stays_a_pose_however_the_robot_is_told_to_be() -> None:
     ride = Ride()
     ride.drive(0.5, 0.4, 0.0, 0.0)
     asked = OdometryRequest(operation="set_pose", theta=1000.0)
-    reply = ride.odometer.request(asked, stamp=7)
+    reply = ride.odometer.request(asked, stamp=ride.now.stamp)
     assert reply.odometry is not None
     assert abs(reply.odometry.theta) <= math.pi
     assert replace(reply.odometry, theta=0.0).valid

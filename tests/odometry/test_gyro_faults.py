@@ -176,6 +176,16 @@ def test_a_gyro_far_too_slow_is_told_by_its_rate() -> None:
     assert report.message == "The gyro body sends 3 samples a second instead of 100."
 
 
+def test_a_gyro_that_is_configured_far_too_slow_is_told_what_is_needed() -> None:
+    ride = quiet_ride(GyroConfig(rate=3.0))
+    for number, moment in enumerate(ride.moments(20.0, 0.2, 0.0, 0.5)):
+        ride.take(ride.odometer.bus_state(BUS, moment.state))
+        if number % 33 == 0:
+            ride.take(ride.odometer.imu(GYRO, moment.sample))
+    (report,) = ride.reports
+    assert report.message == "The gyro body sends 3 samples a second instead of 33."
+
+
 @pytest.mark.parametrize(
     "wrong", [{"angular_velocity": (0.0, 0.0, math.nan)}, {"late_s": 0.003}], ids=str
 )
@@ -218,6 +228,26 @@ def test_stamps_that_are_off_are_found_from_how_the_robot_turns(late_s: float) -
     told = report.evidence.values["offset_s"]
     assert isinstance(told, float)
     assert told == pytest.approx(late_s, abs=0.012)
+
+
+@pytest.mark.parametrize(("late", "batch", "told_ms"), [(4, 1, -40), (6, 1, -60), (0, 5, -40)])
+def test_samples_that_come_too_late_are_told_with_how_late(
+    late: int, batch: int, told_ms: int
+) -> None:
+    """Whether their stamps are wrong or they were held back cannot be told."""
+    ride = quiet_ride()
+    held: list[ImuSample] = []
+    for rate in (0.0, 1.0, -1.0, 0.6, -0.8):
+        for moment in ride.moments(0.5, 0.2, 0.0, rate):
+            ride.take(ride.odometer.bus_state(BUS, moment.state))
+            held.append(moment.sample)
+            if len(held) >= late + batch:
+                for sample in held[:batch]:
+                    ride.take(ride.odometer.imu(GYRO, sample))
+                del held[:batch]
+    (report,) = ride.reports
+    assert report.code == "gyro_time_offset"
+    assert report.evidence.values["offset_s"] == pytest.approx(told_ms / 1e3, abs=0.011)
 
 
 def test_stamps_that_are_off_are_told_until_the_robot_turns_and_they_are_not() -> None:
@@ -266,7 +296,7 @@ def watched(late_s: float, for_s: float) -> list[str]:
         seconds, end = number * 0.01, START_NS + (number + 1) * step_ns
         early = late_s if 6.0 <= seconds < 6.0 + for_s else 0.0
         wheels, gyro = math.sin(2.0 * (seconds + early)), math.sin(2.0 * seconds)
-        watch.sample(end, (0.0, 0.0, gyro), gyro, sound=True)
+        watch.sample(end, (0.0, 0.0, gyro), gyro, sound=True, newest=end)
         step = Step(end - step_ns, end, 0.01, [], [], [], [gyro])
         watch.usable(step, gyro)
         watch.step(step, wheels, gyro, 0.0)
