@@ -99,7 +99,7 @@ DRIVE_KINDS: dict[str, Kind] = {
         "force, share of the robot's weight",
         1.0,
         0.0,
-        100.0,
+        10.0,
     ),
     "ice_patch": Kind(
         "The wheel stands on ice; without a wheel, a round patch of 0.6 m lies just ahead of the "

@@ -81,9 +81,11 @@ class FastBody:
 
         mass = 1.0 / duration_s, 1.0 / duration_s, self._moment / duration_s
         push_x, push_y, push_round = world.push
+        # Its velocity stays as the robot turns under it: exactly, or who spins would hasten.
+        cos, sin = math.cos(omega * duration_s), math.sin(omega * duration_s)
         moving = (
-            mass[0] * vx + omega * vy + push_x,
-            mass[1] * vy - omega * vx + push_y,
+            mass[0] * (cos * vx + sin * vy) + push_x,
+            mass[1] * (cos * vy - sin * vx) + push_y,
             mass[2] * omega + push_round,
         )
         off = _off(rows, self.twist)

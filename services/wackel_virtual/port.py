@@ -42,6 +42,8 @@ AHEAD_NS = 10_000_000
 pause, so that no request meets one of its steps."""
 _PR_SET_TIMERSLACK = 29
 _READ_BYTES = 65536
+_LOOK_S = 1.0
+"""How often who waits for the thread looks whether it lives."""
 
 
 class Terminal:
@@ -168,6 +170,7 @@ class Ports:
             raise
         self._calls: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
         self._wake_out, self._wake_in = os.pipe()
+        self._failure: Exception | None = None
         self._thread = threading.Thread(target=self._run, name="virtual-wire")
 
     def __enter__(self) -> "Ports":
@@ -182,7 +185,11 @@ class Ports:
         os.close(self._wake_in)
 
     def call(self, function: Callable[[Mapping[str, VirtualBus]], T]) -> T:
-        """``function(buses by name)``, run between two events of the wire; its errors come back."""
+        """``function(buses by name)``, run between two events of the wire; its errors come back.
+
+        Raises:
+            RuntimeError: The thread has died.
+        """
         done: queue.SimpleQueue[tuple[T | None, Exception | None]] = queue.SimpleQueue()
 
         def run() -> None:
@@ -192,7 +199,13 @@ class Ports:
                 done.put((None, error))
 
         self._submit(run)
-        result, error = done.get()
+        while True:
+            try:
+                result, error = done.get(timeout=_LOOK_S)
+                break
+            except queue.Empty:
+                if not self._thread.is_alive():
+                    raise RuntimeError(f"the wire has died: {self._failure!r}") from self._failure
         if error is not None:
             raise error
         return result  # type: ignore[return-value]
@@ -206,6 +219,13 @@ class Ports:
             terminal.close()
 
     def _run(self) -> None:
+        try:
+            self._pace()
+        except Exception as error:
+            self._failure = error
+            raise
+
+    def _pace(self) -> None:
         _be_punctual()
         origin_ns = time.monotonic_ns()
         lines = [(self._terminals[name], bus) for name, bus in self._buses.items()]

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from random import Random
 
+from wackel_protocols.dynamixel2.control_table import Register
 from wackel_virtual.motion import Motion
 from wackel_virtual.table import ControlTable
 
@@ -30,7 +31,7 @@ class Sensors:
         self._random = random
         registers = table.registers
         self._position_register = registers["present_position"]
-        self._least, self._greatest = self._position_register.bounds
+        self._velocity_register = registers["present_velocity"]
         measures: dict[str, Measure] = {
             "realtime_tick": lambda at_ns: at_ns // 1_000_000 % 32768,
             "moving": self._moving,
@@ -55,8 +56,7 @@ class Sensors:
         """Present Position."""
         self._motion.advance(at_ns)
         register = self._position_register
-        raw = round(self._motion.position / register.scale) + register.zero
-        return min(max(raw, self._least), self._greatest)
+        return _nearest(register, round(self._motion.position / register.scale) + register.zero)
 
     @property
     def moving_threshold(self) -> float:
@@ -67,7 +67,8 @@ class Sensors:
 
     def _velocity(self, at_ns: int) -> int:
         self._motion.advance(at_ns)
-        return round(self._motion.velocity / self._table.registers["present_velocity"].scale)
+        register = self._velocity_register
+        return _nearest(register, round(self._motion.velocity / register.scale))
 
     def _current(self, at_ns: int) -> int:
         self._motion.advance(at_ns)
@@ -104,3 +105,9 @@ class Sensors:
     def _flicker(self) -> int:
         """Noise of a current sensor, raw."""
         return int(self._random.random() * 5.0) - 2
+
+
+def _nearest(register: Register, raw: int) -> int:
+    """What a register can show of a raw value."""
+    least, greatest = register.bounds
+    return min(max(raw, least), greatest)

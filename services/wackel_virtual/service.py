@@ -100,9 +100,10 @@ def run_alone(scenario: Scenario) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopped.set())
     buses = scenario.make()
-    with _ports(scenario, buses, scenario.make_drive(buses)):
+    with _ports(scenario, buses, scenario.make_drive(buses)) as ports:
         logger.info("ready")
-        stopped.wait()
+        while not stopped.wait(_LOOK_FOR_END_S):
+            ports.call(lambda _: None)  # raises if nobody is there any more
 
 
 def obey(

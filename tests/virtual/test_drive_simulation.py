@@ -241,6 +241,14 @@ def test_a_push_ends_and_the_robot_goes_on() -> None:
     assert mean_twist(after[100:]) == pytest.approx(mean_twist(before[100:]), abs=0.01)
 
 
+def test_a_robot_that_is_pushed_on_spins_no_faster_than_the_push_makes_it() -> None:
+    robot = simulation(steered_drive(3))
+    driven(robot, 1.0)
+    robot.inject(Injection(kind="push", duration_s=3.0))
+    speeds = [math.hypot(*cycle.twist[:2]) for cycle in driven(robot, 4.0)]
+    assert 1.0 < max(speeds) < 3.0 * GRAVITY
+
+
 def test_wheels_slip_on_ice_when_the_robot_accelerates() -> None:
     def lost(ice: bool) -> float:
         robot = simulation(steered_drive(3))

@@ -57,6 +57,27 @@ PROTOCOL = sdk.PacketHandler(2.0)
 OK = sdk.COMM_SUCCESS
 
 
+def test_a_wire_that_dies_is_told_to_whoever_calls(path, monkeypatch):
+    def break_down(*_):
+        raise OverflowError("too large")
+
+    bus = VirtualBus(chain(1))
+    monkeypatch.setattr(bus, "transmit", break_down)
+    monkeypatch.setattr("threading.excepthook", lambda _: None)  # its traceback is expected
+    with Ports({"main": (bus, path)}) as ports:
+        os.write(os.open(path, os.O_RDWR | os.O_NOCTTY), b"\xff")
+
+        def is_told() -> bool:
+            try:
+                ports.call(len)
+            except RuntimeError as error:
+                return "OverflowError('too large')" in str(error)
+            return False
+
+        wait_until(is_told)
+    assert not path.is_symlink()
+
+
 def until_up(vendor, servo):
     wait_until(lambda: PROTOCOL.ping(vendor, servo)[1] == OK, limit_s=5.0)
 

@@ -246,7 +246,7 @@ def test_faults_of_the_drive_are_injected_and_healed_on_request(tmp_path):
     [
         ('kind = "wheel_blocked"', "needs a wheel; there are left, right"),
         ('kind = "wheel_blocked"\nwheel = "front"', "no wheel 'front'"),
-        ('kind = "push"\nvalue = -1', "must be from 0 to 100"),
+        ('kind = "push"\nvalue = -1', "must be from 0 to 10"),
         ('kind = "noise"\nwheel = "left"', "leave out the wheel"),
     ],
 )
