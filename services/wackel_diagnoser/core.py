@@ -134,6 +134,7 @@ class Diagnoser:
             sequential=self._sequential,
             verdicts=self._verdicts,
             small=self._small,
+            references=self._references,
             history=self._history,
         )
         self._reports = Reports()

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Sequence
 from wackel_diagnoser.commands import Complaint
 from wackel_diagnoser.history import BLOCKED, STICKING, History
 from wackel_diagnoser.hypotheses import Hypotheses
-from wackel_diagnoser.references import WrongZero
+from wackel_diagnoser.references import ReferenceErrors, WrongZero
 from wackel_diagnoser.reports import Finding
 from wackel_diagnoser.rows import Rows
 from wackel_diagnoser.sequential import Sequential
@@ -23,6 +23,9 @@ _OF_A_FREE_WHEEL = ((component.DRIVE,), (component.COMMAND,))
 """Are no further faults: the others, which do its work, may all slip, and fail to do it."""
 HARMLESS = ("gyro_deviates", "wheel_free")
 """Make no other wheel slip: one without torque rolls along."""
+AS_OF_A_ZERO = ("gyro_deviates", "drive_disturbed", "wheel_deviates")
+"""What a wrong zero of a steering looks like, until several directions have told: the robot turns
+otherwise than its wheels say, and they slip."""
 LIKELY = 0.02
 """Probability from which on another explanation is told."""
 LEAST_CONFIDENCE = 0.5
@@ -39,6 +42,7 @@ class Findings:
         sequential: How likely each is.
         verdicts: Which holds.
         small: Changes of constants.
+        references: Zeros of steerings.
         history: The last seconds of each wheel.
     """
 
@@ -51,6 +55,7 @@ class Findings:
         sequential: Sequential,
         verdicts: Verdicts,
         small: SmallFaults,
+        references: ReferenceErrors,
         history: History,
     ) -> None:
         self._names = layout.names
@@ -60,6 +65,7 @@ class Findings:
         self._sequential = sequential
         self._verdicts = verdicts
         self._small = small
+        self._references = references
         self._history = history
         self._said: dict[str, Finding] = {}  # last, of each drive
 
@@ -185,6 +191,11 @@ class Findings:
             ):
                 if math.isfinite(value):
                     values[name] = round(value, 3)
+        suspects = [name for _, name in sorted(others, reverse=True)]
+        zeros = self._references.suspects if code in AS_OF_A_ZERO else []
+        if zeros:
+            here = LEAST_CONFIDENCE
+            suspects[:0] = [component.wheel_steering(self._names[wheel]) for wheel in zeros]
         return Finding(
             code,
             path,
@@ -193,7 +204,7 @@ class Findings:
             values,
             words or {},
             min(max(here, LEAST_CONFIDENCE), 0.99),
-            tuple(dict.fromkeys(name for _, name in sorted(others, reverse=True))),
+            tuple(dict.fromkeys(suspects)),
         )
 
 

@@ -152,6 +152,14 @@ class ReferenceErrors:
         most = max(sure)
         return most > SUSPECTED and most > floor - CLEAR
 
+    @property
+    def suspects(self) -> list[int]:
+        """Wheels of which one explains the motion so, the likeliest first."""
+        if not self.suspected:
+            return []
+        likely = [wheel for wheel, sure in enumerate(self._sure[:-1]) if sure > SUSPECTED]
+        return sorted(likely, key=self._sure.__getitem__, reverse=True)
+
     def slip_power(self, seen: Observed) -> float:
         """What slip takes of a block's power, by mass, m²/s³; NaN if unknown."""
         return self._power.left(seen.power, seen.causes, len(seen.rolled))

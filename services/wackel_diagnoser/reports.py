@@ -1,4 +1,4 @@
-"""From what is wrong now to fault reports: begun and healed."""
+"""From what is wrong now to fault reports: begun, found to fit more than it seemed, and healed."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -49,9 +49,17 @@ class Reports:
             for key in gone
         ]
         for key, finding in now.items():
-            if key not in self._active:
-                self._active[key] = _report(finding, stamp)
-                changes.append(self._active[key])
+            known = self._active.get(key)
+            if known is None:
+                report = _report(finding, stamp)
+            elif not set(finding.suspects) <= set(known.suspects):
+                # Never fewer than before, or it would be told each time that one comes and goes.
+                suspects = dict.fromkeys((*finding.suspects, *known.suspects))
+                report = replace(_report(finding, stamp), since=known.since, suspects=[*suspects])
+            else:
+                continue
+            self._active[key] = report
+            changes.append(report)
         return changes
 
     @property

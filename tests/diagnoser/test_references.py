@@ -7,6 +7,7 @@ import pytest
 
 from tests.diagnoser.rig import WARM_UP_S, Rig
 from tests.odometry.simulation import steered_drive
+from wackel_diagnoser.findings import LEAST_CONFIDENCE
 from wackel_diagnoser.forced import GRIP_M_S2, ForcedMotion
 from wackel_drive.layout import Layout
 from wackel_kinematics.inverse import inverse
@@ -121,6 +122,30 @@ def test_a_wrong_zero_is_named_with_its_angle_and_excluded(count: int) -> None:
     assert angle == pytest.approx(ERROR_RAD, abs=math.radians(5))
     assert rig.exclusions is not None
     assert [each.component for each in rig.exclusions.excluded] == ["wheel/w1/steering"]
+
+
+def test_before_it_is_named_it_is_said_that_what_seems_wrong_may_be_a_zero() -> None:
+    """At first three wheels whose readings agree seem to convict the gyro."""
+    rig = Rig.of("z/0", 3)
+    rig.drive(WARM_UP_S)
+    rig.inject("steering_reference_error", "w2", -0.2)
+    for _ in range(25):
+        rig.drive(1.0)
+        if rig.active() == [("steering_reference", "wheel/w2/steering")]:
+            break
+    told = [each for each in rig.reports if each.code == "gyro_deviates"]
+    assert [each.status for each in told] == ["active"] * (len(told) - 1) + ["healed"]
+    assert told[-1].suspects[0] == "wheel/w2/steering"
+    assert told[-1].confidence == LEAST_CONFIDENCE
+
+
+def test_a_gyro_that_jumps_is_not_taken_for_a_zero() -> None:
+    rig = Rig.of("tune/zero", 3)
+    rig.drive(WARM_UP_S)
+    rig.inject("gyro_offset", value=0.1)
+    rig.drive(10.0)
+    (report,) = rig.reports
+    assert (report.code, report.suspects) == ("gyro_deviates", [])
 
 
 def test_a_zero_that_was_wrong_from_the_start_is_not_learnt_as_usual() -> None:
