@@ -9,6 +9,7 @@ from operator import or_
 
 import numpy as np
 
+from wackel_diagnoser.absences import Absences
 from wackel_diagnoser.bank import Bank
 from wackel_diagnoser.command_times import FRESH_NS
 from wackel_diagnoser.commands import NO_COMMAND, CommandWatch, Complaint
@@ -115,7 +116,10 @@ class Diagnoser:
         self._small = SmallFaults(layout, config, rows, gyros)
         self._bias = GyroBias(list(gyros.values()))
         self._efforts = Efforts(layout)
-        self._idle = IdleMotors(len(layout.drive.roll_wheels), RATE / MOTORS_EVERY)
+        self._rolling = layout.drive.roll_wheels
+        self._idle = IdleMotors(len(self._rolling), RATE / MOTORS_EVERY)
+        self._absences = Absences(layout)
+        self._off = [False] * len(self._rolling)  # motors without torque
         self._references = ReferenceErrors(layout, rows)
         self._adopt()
         self._history = History(layout)
@@ -135,6 +139,7 @@ class Diagnoser:
             verdicts=self._verdicts,
             small=self._small,
             references=self._references,
+            absences=self._absences,
             history=self._history,
         )
         self._reports = Reports()
@@ -210,12 +215,13 @@ class Diagnoser:
         self._alignment.refused.clear()  # the odometry tells of it
         if self._alignment.restarts != self._restarts:
             self._restarts = self._alignment.restarts
+            self._absences.all_back(self._alignment.done or 0)
             self._reference.forget()
             self._sequential.forget()
             self._small.forget()
         messages: list[Message] = []
         while (step := self._alignment.step()) is not None:
-            messages += self._step(step)
+            messages += self._step(self._absences.step(step))
         return messages
 
     def _step(self, step: Step) -> list[Message]:
@@ -237,9 +243,12 @@ class Diagnoser:
             self._driven_s += seconds if moving else 0.0
             sequential.forget()
         self._stands = young and self._one_stands(target, measured)
-        driven_s = learnt_s if moving else 0.0
         efforts = self._efforts.step(
-            seconds, target.speed, measured.turning, driven_s, needed=not calm
+            seconds,
+            target.speed,
+            measured.turning,
+            learnt_s if moving else 0.0,
+            needed=not calm,
         )
         if learning:
             self._learn(measured, learnt_s, moving)
@@ -272,7 +281,8 @@ class Diagnoser:
                     rolling,
                     faulty=self._verdicts.faulty,
                 )
-            self._verdicts.free(map(or_, self._efforts.off, self._idle.found))
+            self._off = self._absences.lasting(self._rolling, self._efforts.off)
+            self._verdicts.free(map(or_, self._off, self._idle.found))
             self._unwatched_s = 0.0
         if self._complaints:
             self._age_complaints(step.end)
@@ -399,7 +409,7 @@ class Diagnoser:
             self._sequential.verdict != 0
             or self._references.found is not None
             or bool(self._complaints)
-            or any(self._efforts.off)
+            or any(self._off)
             or any(self._idle.found)
             or self._reports.any_active
         )
@@ -421,7 +431,7 @@ class Diagnoser:
         """What has changed of faults and exclusions."""
         self._examined = now
         findings = self._findings
-        found: list[Finding] = findings.free(self._efforts.off, self._idle.found, now)
+        found: list[Finding] = findings.free(self._off, self._idle.found, now)
         found += [
             each for each in findings.verdict(found, now) if not self._is_commanded(each, now)
         ]

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Collection, Iterable, Sequence
 
+from wackel_diagnoser.absences import Absences
 from wackel_diagnoser.commands import Complaint
 from wackel_diagnoser.history import BLOCKED, STICKING, History
 from wackel_diagnoser.hypotheses import Hypotheses
@@ -43,6 +44,7 @@ class Findings:
         verdicts: Which holds.
         small: Changes of constants.
         references: Zeros of steerings.
+        absences: Who is not heard.
         history: The last seconds of each wheel.
     """
 
@@ -56,6 +58,7 @@ class Findings:
         verdicts: Verdicts,
         small: SmallFaults,
         references: ReferenceErrors,
+        absences: Absences,
         history: History,
     ) -> None:
         self._names = layout.names
@@ -66,6 +69,7 @@ class Findings:
         self._verdicts = verdicts
         self._small = small
         self._references = references
+        self._absences = absences
         self._history = history
         self._said: dict[str, Finding] = {}  # last, of each drive
 
@@ -192,10 +196,13 @@ class Findings:
                 if math.isfinite(value):
                     values[name] = round(value, 3)
         suspects = [name for _, name in sorted(others, reverse=True)]
-        zeros = self._references.suspects if code in AS_OF_A_ZERO else []
-        if zeros:
-            here = LEAST_CONFIDENCE
-            suspects[:0] = [component.wheel_steering(self._names[wheel]) for wheel in zeros]
+        # What is not heard may stand as it pleases.
+        unseen = [each for each in self._absences.absent if each != path]
+        if code in AS_OF_A_ZERO:
+            zeros = self._references.suspects
+            unseen += [component.wheel_steering(self._names[wheel]) for wheel in zeros]
+        if unseen:
+            here, suspects = LEAST_CONFIDENCE, unseen + suspects
         return Finding(
             code,
             path,

@@ -134,12 +134,16 @@ class Rig:
 
     def _diagnose(self, cycle: Cycle) -> None:
         for message in self.feed(cycle):
-            if isinstance(message, FaultReport):
-                self.reports.append(message)
-            elif isinstance(message, Exclusions):
-                self.exclusions = message
-            elif isinstance(message, Residuals):
-                self.residuals = message
+            self.take(message)
+
+    def take(self, message: Message) -> None:
+        """What the diagnoser has said."""
+        if isinstance(message, FaultReport):
+            self.reports.append(message)
+        elif isinstance(message, Exclusions):
+            self.exclusions = message
+        elif isinstance(message, Residuals):
+            self.residuals = message
 
     def feed(self, cycle: Cycle) -> Iterator[Message]:
         """What the diagnoser says of a cycle."""

@@ -1,0 +1,89 @@
+"""Servos that come back: while one is not heard, it is not told anything either.
+
+It has gone on with its last goals and now makes up for what it missed; or it was without power, and
+has to be switched on again. Until then it shows something else than it is told through no fault of
+its own, so it counts as absent.
+"""
+
+import math
+
+from msgspec.structs import replace
+
+from wackel_drive.alignment import Step
+from wackel_drive.layout import Layout
+from wackel_kinematics.array import Ints
+from wackel_schemas import component
+
+BACK_NS = 1_500_000_000
+"""A second until whoever drives the robot sees that a servo has to be switched on, and what a
+steering takes for half a turn then."""
+READ_NS = 1_000_000_000
+"""How old what is known of its torque may be beyond that: its register is read once a second."""
+
+
+class Absences:
+    """Follows which servos are heard.
+
+    Args:
+        layout: The drive.
+
+    Attributes:
+        absent: Paths of those that are not, or have just come back.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self.absent: list[str] = []
+        self._n, names = layout.drive.n, layout.names
+        self._paths = [*map(component.wheel_drive, names), *map(component.wheel_steering, names)]
+        self._rolls = [i for i, joint in enumerate(layout.rolling) if joint is not None]
+        self._steers = [i for i, joint in enumerate(layout.steering) if joint is not None]
+        self._until: dict[int, int] = {}
+        """Stamp up to which a servo counts as absent, by number of its wheel; of steerings, n more.
+        Kept until its torque is known again, too."""
+
+    def all_back(self, now: int) -> None:
+        """Nobody was heard until now."""
+        servos = (*self._rolls, *(self._n + i for i in self._steers))
+        self._until = dict.fromkeys(servos, now + BACK_NS)
+
+    def step(self, step: Step) -> Step:
+        """Takes in a step; returns it without what servos say that have just come back."""
+        until = step.end + BACK_NS
+        for i in self._rolls:
+            if math.isnan(step.wheel_rate[i]):
+                self._until[i] = until
+        for i in self._steers:
+            if math.isnan(step.heading[i]):
+                self._until[self._n + i] = until
+        return self._without(step) if self._until else step
+
+    def lasting(self, wheels: Ints, off: list[bool]) -> list[bool]:
+        """Which of the rolling servos of these wheels are off, but not just for having come back.
+
+        Args:
+            wheels: Their numbers.
+            off: Which of them are off.
+        """
+        if not (self._until and any(off)):
+            return off
+        pairs = zip(wheels.tolist(), off, strict=True)
+        return [is_off and wheel not in self._until for wheel, is_off in pairs]
+
+    def _without(self, step: Step) -> Step:
+        heading, steered, wheel_rate = (
+            step.heading.copy(),
+            step.steered.copy(),
+            step.wheel_rate.copy(),
+        )
+        self.absent = []
+        for servo, until in list(self._until.items()):
+            left = until - step.end
+            if not -READ_NS < left <= BACK_NS:
+                del self._until[servo]
+            elif left > 0:
+                self.absent.append(self._paths[servo])
+                if servo < self._n:
+                    wheel_rate[servo] = math.nan
+                else:
+                    heading[servo - self._n] = steered[servo - self._n] = math.nan
+        return replace(step, heading=heading, steered=steered, wheel_rate=wheel_rate)
