@@ -190,7 +190,7 @@ def load(path: Path) -> RobotConfig:
         ConfigError: One line: file, key, what stands there and what is allowed.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # Windows' editors put a mark in front
     except FileNotFoundError as error:
         raise ConfigError(
             f"{path}: no such file; `wackel scan --write {path}` makes one to start from"

@@ -147,7 +147,7 @@ def load_scenario(path: Path) -> Scenario:
         ConfigError: One line: file, key, what stands there and what is allowed.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # Windows' editors put a mark in front
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "no UTF-8 text"
         raise ConfigError(f"{path}: cannot be read: {reason}") from error

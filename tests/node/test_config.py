@@ -89,6 +89,12 @@ def test_a_file_that_is_no_text_is_told(tmp_path: Path, content: bytes) -> None:
         load(path)
 
 
+def test_a_byte_order_mark_of_windows_does_no_harm(tmp_path: Path) -> None:
+    path = tmp_path / "robot.toml"
+    path.write_text('robot = "walker"', encoding="utf-8-sig")
+    assert load(path).robot == "walker"
+
+
 def test_a_directory_in_the_files_place_is_told(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="cannot be read"):
         load(tmp_path)

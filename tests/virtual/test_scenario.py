@@ -112,6 +112,12 @@ def test_an_unknown_model_is_named_with_its_bus():
         scenario.parse_scenario(text).make()
 
 
+def test_a_byte_order_mark_of_windows_does_no_harm(tmp_path: Path):
+    path = tmp_path / "scenario.toml"
+    path.write_text("seed = 7", encoding="utf-8-sig")
+    assert scenario.load_scenario(path).seed == 7
+
+
 def test_a_missing_file_is_said_so(tmp_path: Path):
     with pytest.raises(ConfigError, match="cannot be read"):
         scenario.load_scenario(tmp_path / "none.toml")
