@@ -1,5 +1,6 @@
 """One program: its overview, its subcommands, its exit codes."""
 
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -88,6 +89,16 @@ def test_a_reader_that_leaves_early_ends_the_command_quietly(arguments: list[str
         process.stdout.close()
         assert process.stderr.read() == b""
     assert process.returncode == 141
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(
+    ("arguments", "code"), [("schema Health >&-", 0), ("--help >&-", 0), ("nonsense 2>&-", 2)]
+)
+def test_what_is_for_a_closed_stream_goes_nowhere(arguments: str, code: int) -> None:
+    line = f"exec {shlex.quote(sys.executable)} -m wackel_cli {arguments}"
+    done = subprocess.run(["sh", "-c", line], capture_output=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (code, b"", b"")
 
 
 @pytest.mark.process
