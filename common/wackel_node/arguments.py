@@ -12,25 +12,31 @@ from wackel_protocols.dynamixel2.packet import MAX_ID
 DEFAULT = Path("robot.toml")
 
 
-def add_config(parser: argparse.ArgumentParser) -> None:
-    """Adds ``--config FILE``; see :func:`config_of`."""
+ELSE_DEFAULTS = "robot.toml where you are, else all defaults"
+"""What :func:`config_of` takes, in words."""
+
+
+def add_config(parser: argparse.ArgumentParser, default: str = ELSE_DEFAULTS) -> None:
+    """Adds ``--config FILE``; ``default`` says what the command takes without it."""
     parser.add_argument(
         "--config",
         metavar="FILE",
         type=Path,
-        help="the robot's configuration (default: robot.toml where you are, else all defaults)",
+        help=f"the robot's configuration (default: {default})",
     )
 
 
-def add_config_first(parser: argparse.ArgumentParser) -> None:
+def add_config_first(
+    parser: argparse.ArgumentParser, default: str = "robot.toml where you are"
+) -> None:
     """Adds the configuration as an argument of its own, of commands that are about little else;
-    ``--config`` names it here, too."""
+    ``--config`` names it here, too. ``default`` says what the command takes without it."""
     parser.add_argument(
         "config",
         nargs="?",
         action=_IfThere,
         type=Path,
-        help="the robot's configuration (default: robot.toml where you are)",
+        help=f"the robot's configuration (default: {default})",
     )
     parser.add_argument("--config", type=Path, help=argparse.SUPPRESS)
 

@@ -10,7 +10,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 import msgspec
 
-from wackel_node.arguments import add_config_first, config_of
+from wackel_node.arguments import ELSE_DEFAULTS, add_config_first, config_of
 from wackel_node.config import RobotConfig, dump
 from wackel_node.config_types import Section
 from wackel_node.errors import OK
@@ -26,7 +26,7 @@ def main(argv: list[str]) -> int:
         description="Checks a configuration and prints it with all defaults written out, as TOML "
         "that may be saved and edited. A mistake is told in one line, with exit code 2.",
     )
-    add_config_first(parser)
+    add_config_first(parser, ELSE_DEFAULTS)
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--json", action="store_true", help="print JSON instead of TOML")
     form.add_argument("--explain", action="store_true", help="print what each setting means")

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 from wackel_imu.device import DeviceLost, find
-from wackel_node.arguments import add_config_first, config_of
+from wackel_node.arguments import ELSE_DEFAULTS, add_config_first, config_of
 from wackel_node.config import BusConfig, RobotConfig
 from wackel_node.config_drive import GyroConfig
 from wackel_node.errors import FAILED, OK
@@ -231,7 +231,7 @@ def main(argv: list[str]) -> int:
         description="Checks what is most often wrong on a robot computer and says what to do. "
         "Exit code 1 if anything keeps the robot from working.",
     )
-    add_config_first(parser)
+    add_config_first(parser, ELSE_DEFAULTS)
     parser.add_argument("--json", action="store_true", help="print JSON")
     arguments = parser.parse_args(argv)
     config = config_of(arguments)

@@ -60,8 +60,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog="Exit code 1 if --compare finds a difference.",
     )
     parser.add_argument("files", metavar="FILE", nargs="+", type=Path, help="of a recording")
-    add_config(parser)
-    parser.set_defaults(config=None)
+    add_config(parser, "that in the recording")
     parser.add_argument(
         "--compare",
         action="store_true",

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from wackel_node import log
 from wackel_node.algebra import single_threaded
-from wackel_node.arguments import above_zero, add_config, config_of
-from wackel_node.config import drive_of
+from wackel_node.arguments import DEFAULT, above_zero, add_config
+from wackel_node.config import drive_of, load
 from wackel_node.errors import OK
 from wackel_pilot import path
 
@@ -30,7 +30,7 @@ def main(argv: list[str]) -> int:
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    add_config(parser)
+    add_config(parser, "robot.toml where you are")
     parser.add_argument(
         "--path", choices=["circle", "eight", "random"], default="circle", help="the way (circle)"
     )
@@ -49,7 +49,7 @@ def main(argv: list[str]) -> int:
     )
     arguments = parser.parse_args(argv)
     log.set_up("pilot")
-    config = config_of(arguments)
+    config = load(arguments.config or DEFAULT)
     drive = drive_of(config, "drive")
     single_threaded()
     from wackel_pilot.service import run

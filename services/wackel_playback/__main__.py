@@ -72,7 +72,7 @@ def _parser() -> argparse.ArgumentParser:
         epilog="On a terminal: space pauses, + and - change the speed, q quits.",
     )
     parser.add_argument("files", metavar="FILE", nargs="+", type=Path, help="of a recording")
-    add_config(parser)
+    add_config(parser, "robot.toml where you are, else that in the recording")
     parser.add_argument(
         "--speed", type=_speed, default=1.0, help=f"{SLOWEST:g} … {FASTEST:g} (default: 1)"
     )

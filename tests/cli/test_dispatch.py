@@ -67,6 +67,35 @@ def test_every_command_explains_itself(
     assert max(map(len, text.splitlines())) <= 80
 
 
+@pytest.mark.parametrize(
+    ("name", "default"),
+    [
+        ("replay", "that in the recording"),
+        ("play", "robot.toml where you are, else that in the recording"),
+        ("pilot", "robot.toml where you are"),
+        ("explain", "robot.toml where you are"),
+        ("config", "robot.toml where you are, else all defaults"),
+        ("health", "robot.toml where you are, else all defaults"),
+    ],
+)
+def test_help_tells_which_configuration_is_taken(
+    name: str, default: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main([name, "--help"])
+    told = " ".join(capsys.readouterr().out.split())
+    assert f"the robot's configuration (default: {default})" in told
+
+
+@pytest.mark.parametrize("name", ["pilot", "explain", "up"])
+def test_what_needs_a_configuration_tells_where_it_looked_for_it(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main([name]) == 2
+    assert capsys.readouterr().err.startswith(f"wackel {name}: robot.toml: no such file")
+
+
 def test_an_expected_failure_is_one_line_with_its_own_exit_code(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
