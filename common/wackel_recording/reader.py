@@ -217,6 +217,15 @@ class Recording:
         ]
         return missing + [text for file in self.files for text in file.damage]
 
+    def doubt(self, robot: str) -> str:
+        """What to say before it is concluded from with a robot's configuration; empty: nothing."""
+        if robot == self.about.robot:
+            return ""
+        return (
+            f"{self.files[0].path} is of robot {self.about.robot!r}, the configuration of "
+            f"{robot!r}: what is concluded holds only if they are built alike"
+        )
+
     def entries(self, wanted: Wanted = lambda _: True) -> Iterator[Entry]:
         """The messages of all files; see :meth:`RecordingFile.entries`."""
         for file in self.files:

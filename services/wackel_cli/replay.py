@@ -118,7 +118,10 @@ def _replay(
     odometry: TextIO | None,
 ) -> bool:
     """Whether nothing differs."""
-    diagnosis = Diagnosis(_config(arguments, recording))
+    config = _config(arguments, recording)
+    if doubt := recording.doubt(config.robot):
+        print(doubt, file=sys.stderr)
+    diagnosis = Diagnosis(config)
     collect_rarely()
     started_s = time.monotonic()
     for message in diagnosis.run(_with_progress(recording.entries(diagnosis.wants), recording)):

@@ -46,6 +46,8 @@ def main(argv: list[str]) -> int:
     first = next(entries, None)
     if first is None:
         raise NothingToPlay(f"{recordings[0].files[0].path}: nothing to play there")
+    for doubt in filter(None, (recording.doubt(config.robot) for recording in recordings)):
+        log.logger.warning("%s", doubt)
     with Node("playback", "main", config) as node, Keyboard() as keyboard:
         node.ready()
         player = Player(node, keyboard.typed)

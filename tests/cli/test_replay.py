@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from tests.classifier.rig import EPOCH_NS, Rig, chain
@@ -171,6 +172,19 @@ def test_what_is_not_used_is_counted_with_the_reason(
     assert "bus/main/transaction: 2 messages not used: no Transaction: " in errors
     assert "bus/leg/transaction: 1 messages not used: the configuration has no such bus" in errors
     assert f"{path}: " in errors.splitlines()[-1]
+
+
+def test_the_configuration_of_another_robot_is_told_as_such(
+    tmp_path: Path, traffic: list[tuple[str, bytes]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write(tmp_path / "run.mcap", traffic)
+    config = tmp_path / "robot.toml"
+    for robot, doubts in (("testbot", []), ("walker", [f"{path} is of robot 'testbot'"])):
+        config.write_text(dump(msgspec.structs.replace(CONFIG, robot=robot)))
+        assert main([str(path), "--config", str(config)]) == 0
+        told = capsys.readouterr().err.splitlines()
+        doubtful = [line.partition(",")[0] for line in told if "of robot" in line]
+        assert doubtful == doubts
 
 
 def test_another_configuration_can_be_tried(

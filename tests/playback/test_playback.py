@@ -131,6 +131,15 @@ def test_every_input_arrives_unchanged_in_order_and_in_time(
 
 
 @pytest.mark.process
+def test_that_a_recording_is_of_another_robot_is_told(
+    rendezvous: Rendezvous, recording: Path
+) -> None:
+    with playback(rendezvous.config, recording, "--to", "0.1") as process:
+        _, errors = process.communicate(timeout=20)
+    assert "run.mcap is of robot 'other', the configuration of 'testbot'" in errors
+
+
+@pytest.mark.process
 def test_at_high_speed_and_in_a_loop_nothing_is_lost(
     rendezvous: Rendezvous, recording: Path
 ) -> None:
