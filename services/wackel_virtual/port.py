@@ -14,8 +14,8 @@ import struct
 import threading
 import time
 import tty
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from fcntl import ioctl
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -46,6 +46,38 @@ _LOOK_S = 1.0
 """How often who waits for the thread looks whether it lives."""
 
 
+@contextmanager
+def claimed(paths: Iterable[Path]) -> Iterator[None]:
+    """Holds paths against other virtual robots.
+
+    Raises:
+        ConfigError: One of them runs at a path, or something else than a terminal's link is there.
+    """
+    with ExitStack() as stack:
+        for path in paths:
+            _spare(path)
+            # A name in Linux's abstract name space is free again when its process is gone. It has
+            # 107 bytes, a path may have more.
+            name = hashlib.sha256(bytes(path.absolute())).hexdigest()
+            claim = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+            try:
+                claim.bind(f"\0wackel-virtual:{name}")
+            except OSError as error:
+                raise ConfigError(
+                    f"{path}: another virtual robot runs there; stop it first"
+                ) from error
+        yield
+
+
+def _spare(path: Path) -> None:
+    if os.path.lexists(path) and not _is_ours(path):
+        raise ConfigError(f"{path}: exists and is no virtual port; choose another path")
+
+
+def _is_ours(path: Path) -> bool:
+    return path.is_symlink() and path.readlink().parent == Path("/dev/pts")
+
+
 class Terminal:
     """A pseudo-terminal behind a path that stays the same when it is unplugged and plugged again.
 
@@ -57,25 +89,7 @@ class Terminal:
         self.path = path
         self.master = -1
         self._slave = -1
-        # A name in Linux's abstract name space is free again when its process is gone. It has 107
-        # bytes, a path may have more.
-        name = hashlib.sha256(bytes(path.absolute())).hexdigest()
-        self._claim = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        try:
-            self._claim.bind(f"\0wackel-virtual:{name}")
-        except OSError as error:
-            self._claim.close()
-            raise ConfigError(f"{path}: another virtual robot runs there; stop it first") from error
-        try:
-            self.plug()
-        except ConfigError:
-            self._claim.close()
-            raise
-
-    def close(self) -> None:
-        """Take the terminal away for good; the path is free for others."""
-        self.unplug()
-        self._claim.close()
+        self.plug()
 
     @property
     def plugged(self) -> bool:
@@ -84,8 +98,7 @@ class Terminal:
 
     def plug(self) -> None:
         """Make a new terminal at the path."""
-        if os.path.lexists(self.path) and not self._is_ours():
-            raise ConfigError(f"{self.path}: exists and is no virtual port; choose another path")
+        _spare(self.path)
         self.master, self._slave = os.openpty()
         # The slave stays open here, so that settings and data outlive a client that closes it.
         tty.setraw(self._slave)
@@ -103,7 +116,7 @@ class Terminal:
     def unplug(self) -> None:
         """Take the terminal away: the path is gone, and a client that has it open gets an error."""
         if self.plugged:
-            if self._is_ours() and str(self.path.readlink()) == os.ttyname(self._slave):
+            if _is_ours(self.path) and str(self.path.readlink()) == os.ttyname(self._slave):
                 self.path.unlink()
             self._close()
 
@@ -123,9 +136,6 @@ class Terminal:
         """Give to the client; what does not fit its buffer is lost, as in a serial driver."""
         with suppress(BlockingIOError):
             os.write(self.master, data)
-
-    def _is_ours(self) -> bool:
-        return self.path.is_symlink() and self.path.readlink().parent == Path("/dev/pts")
 
     def _close(self) -> None:
         os.close(self.master)
@@ -216,7 +226,7 @@ class Ports:
 
     def _close_all(self) -> None:
         for terminal in (*self._terminals.values(), *self._taps.values()):
-            terminal.close()
+            terminal.unplug()
 
     def _run(self) -> None:
         try:

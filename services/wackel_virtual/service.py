@@ -3,6 +3,7 @@
 import signal
 import threading
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,7 @@ from wackel_schemas.virtual import Injection, VirtualReply, VirtualRequest
 from wackel_virtual.bus import VirtualBus
 from wackel_virtual.drive_faults import DRIVE_KINDS
 from wackel_virtual.faults import InjectionError
-from wackel_virtual.port import Ports
+from wackel_virtual.port import Ports, claimed
 from wackel_virtual.scenario import Scenario, bus_of
 
 if TYPE_CHECKING:
@@ -39,7 +40,8 @@ def run(scenario: Scenario) -> None:
     """
     config = scenario.config
     come_first(CONTROL)  # servos answer at once, however busy the computer of their robot is
-    with Node("virtual", "main", config, own_endpoint(config)) as node:
+    # Claimed first: who is refused must not have announced itself in the name of the one that runs.
+    with _claimed(scenario), Node("virtual", "main", config, own_endpoint(config)) as node:
         gyros = {
             name: node.publisher(keys.IMU, name=name)
             for name, gyro in config.gyros.items()
@@ -100,7 +102,10 @@ def run_alone(scenario: Scenario) -> None:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopped.set())
     buses = scenario.make()
-    with _ports(scenario, buses, scenario.make_drive(buses)) as ports:
+    with (
+        _claimed(scenario),
+        _ports(scenario, buses, scenario.make_drive(buses)) as ports,
+    ):
         logger.info("ready")
         while not stopped.wait(_LOOK_FOR_END_S):
             ports.call(lambda _: None)  # raises if nobody is there any more
@@ -192,6 +197,11 @@ def _active(buses: Mapping[str, VirtualBus], drive: "CoupledDrive | None") -> li
         for injection in bus.active()
     ]
     return active if drive is None else active + drive.active()
+
+
+def _claimed(scenario: Scenario) -> AbstractContextManager[None]:
+    buses = scenario.config.buses.values()
+    return claimed(Path(port) for port in [*(bus.port for bus in buses), *scenario.taps.values()])
 
 
 def _ports(

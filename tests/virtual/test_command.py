@@ -23,6 +23,7 @@ from wackel_node.link import Link
 from wackel_protocols.dynamixel2 import packet
 from wackel_schemas import keys
 from wackel_schemas.drive import ImuSample
+from wackel_schemas.health import Heartbeat
 from wackel_virtual.__main__ import main
 from wackel_virtual.drive_faults import DRIVE_KINDS
 from wackel_virtual.faults import KINDS
@@ -141,6 +142,20 @@ def running(config: RobotConfig, directory: Path) -> Iterator[list[str]]:
 def robot(rendezvous: Rendezvous, tmp_path: Path) -> Iterator[list[str]]:
     with running(rendezvous.config, tmp_path) as arguments:
         yield arguments
+
+
+@pytest.mark.process
+def test_a_second_one_is_refused_before_anybody_hears_of_it(robot, rendezvous: Rendezvous):
+    beats: list[Heartbeat] = []
+    with Link(rendezvous.config) as link:
+        link.subscribe(keys.ALIVE, lambda _, beat: beats.append(beat))
+        with command(*robot) as second:
+            assert second.wait(20) != OK
+            assert second.stderr is not None
+            assert "another virtual robot runs there" in second.stderr.read()
+        heard = len(beats)
+        wait_until(lambda: len(beats) > heard, meanwhile=lambda: link.pump(0.05))
+    assert {(beat.state, beat.boot) for beat in beats} == {("ready", beats[0].boot)}
 
 
 @pytest.mark.process

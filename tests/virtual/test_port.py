@@ -17,7 +17,7 @@ from wackel_node.config import ConfigError
 from wackel_protocols.dynamixel2 import packet
 from wackel_schemas.virtual import Injection
 from wackel_virtual import VirtualBus
-from wackel_virtual.port import Ports, Terminal
+from wackel_virtual.port import Ports, Terminal, claimed
 
 pytestmark = pytest.mark.process
 
@@ -184,7 +184,7 @@ def test_every_baud_rate_of_the_servos_can_be_set(tmp_path):
             with serial.Serial(str(terminal.path), rate):
                 assert terminal.baud_rate() == rate
     finally:
-        terminal.close()
+        terminal.unplug()
 
 
 def test_an_unplugged_adapter_gives_its_client_an_error_and_comes_back_at_the_same_path(
@@ -271,13 +271,24 @@ def test_an_error_of_a_call_comes_back_to_its_caller(ports):
 
 
 def test_a_port_belongs_to_one_virtual_robot_at_a_time(path):
-    with running(path), pytest.raises(ConfigError, match="another virtual robot runs there"):
-        Terminal(path)
-    Terminal(path).close()
+    with (
+        claimed([path]),
+        pytest.raises(ConfigError, match="another virtual robot runs there"),
+        claimed([path.with_name("other"), path]),
+    ):
+        pass
+    with claimed([path.with_name("other"), path]):
+        pass
+
+
+def test_a_port_that_is_something_else_is_not_claimed(path):
+    path.write_text("precious")
+    with pytest.raises(ConfigError, match="exists and is no virtual port"), claimed([path]):
+        pass
 
 
 def test_a_port_may_have_a_long_path(tmp_path: Path):
     directory = tmp_path / ("long" * 40)
     directory.mkdir()
-    with running(directory / "bus"):
+    with claimed([directory / "bus"]), running(directory / "bus"):
         assert (directory / "bus").exists()
