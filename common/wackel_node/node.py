@@ -170,7 +170,9 @@ class Node(Link):
 
 
 def _reason(error: BaseException) -> str:
-    """``ValueError: text (core.py:12)``."""
+    """``ValueError: text (core.py:12)``; of what is explained, the text, which is all one needs."""
+    if isinstance(error, Explained):
+        return str(error)[:_MOST_REASON]
     frames = tracebacks.extract_tb(error.__traceback__)
     place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
     return f"{type(error).__name__}: {str(error)[:_MOST_REASON]}{place}"

@@ -421,8 +421,9 @@ FAULT_CODES: dict[str, FaultCode] = {
         "fault",
     ),
     "service_crashed": FaultCode(
-        "{component} has crashed: {reason}.",
-        "It is restarted; please report the reason with a recording (wackel record).",
+        "{component} has failed: {reason}.",
+        "Put right what the reason says. If it names a line of code, please report it with a "
+        "recording (wackel record); the service is restarted.",
         "fault",
     ),
     "service_hung": FaultCode(

@@ -14,7 +14,8 @@ class Heartbeat(Message, kw_only=True):
 
     Attributes:
         state: ``starting``, ``ready``, ``stopping`` or ``crashed``.
-        reason: Why, where the state needs one (a crash: exception and place).
+        reason: Why, where the state needs one (a crash: exception and place, or, where the
+            program is not to blame, the sentence that its command prints).
         period_s: When the next one is due; late after 2.5 of them.
         pid: Process id.
         received: Messages received since boot.

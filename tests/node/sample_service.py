@@ -1,7 +1,7 @@
 """A real service process for the tests of its life: ``python -m tests.node.sample_service``.
 
 Arguments: a robot.toml, the instance, and what to do: ``run``; ``crash`` or ``hang`` on the first
-command message; or ``crash-early`` before it is ready.
+command message; ``crash-early`` before it is ready; or ``give-up`` then, for a reason it explains.
 """
 
 import sys
@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 from wackel_node import log
-from wackel_node.config import load
+from wackel_node.config import ConfigError, load
 from wackel_node.node import Node
 from wackel_schemas import keys
 from wackel_schemas.bus import BusCommand
@@ -39,6 +39,8 @@ def main(path: str, instance: str, deed: str) -> None:
         node.serve(keys.HEALTH_REQUEST, on_request)
         if deed == "crash-early":
             raise RuntimeError("no such thing")
+        if deed == "give-up":
+            raise ConfigError("robot.toml: no such wheel")
         health.put(Health(stamp=node.clock.now_ns(), level="ok", summary=instance))
         node.ready()
         node.run()

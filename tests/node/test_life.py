@@ -118,6 +118,12 @@ def test_a_crash_is_published_with_exception_and_place(
     assert "Traceback" in log
 
 
+def test_an_expected_failure_is_published_in_its_own_words(start: Start, witness: Witness) -> None:
+    process = start("give-up")
+    assert witness.wait_for("crashed").reason == "robot.toml: no such wheel"
+    assert process.wait(10) == 1
+
+
 def test_a_killed_service_is_missed_at_once(start: Start, witness: Witness) -> None:
     process = start()
     witness.wait_for("ready")
