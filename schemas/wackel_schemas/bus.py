@@ -254,7 +254,7 @@ class BusReply(Message, kw_only=True):
 
     Attributes:
         ok: Whether the bus did what was asked.
-        text: What happened, in words; the vendor's text where the vendor's library speaks.
+        text: What happened, in words.
         value: Raw value of a register that was read.
         ids: Servos that answered.
         transaction: What went over the wire (the last exchange if it took several).

@@ -80,7 +80,7 @@ def main(argv: list[str]) -> int:
                 ) from error
             replies.append(reply)
             if not arguments.json:
-                who = f"servo {servo}: " if len(servos) > 1 else ""
+                who = f"servo {servo}: " if len(servos) > 1 or not reply.ok else ""
                 line = printable(f"{who}{reply.text}")
                 print(line, file=sys.stdout if reply.ok else sys.stderr, flush=True)
     if arguments.json:

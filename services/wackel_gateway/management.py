@@ -1,13 +1,13 @@
 """Requests: everything a person or tool does with servos beside the cycle.
 
-The vendor's library does the management, with its own error texts, but over our port: each packet
-it sends is one captured transaction. Its defects that matter here are made good: it sends FF FF FD
+The vendor's library does the management, but over our port: each packet it sends is one captured
+transaction. Its defects that matter here are made good: it sends FF FF FD
 unstuffed, loses a byte where an answer holds that run twice, and spins while it waits.
 """
 
 from collections.abc import Callable, Sequence
 
-from dynamixel_sdk import COMM_SUCCESS, PortHandler
+from dynamixel_sdk import COMM_RX_CORRUPT, COMM_RX_TIMEOUT, COMM_SUCCESS, PortHandler
 from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 
 from wackel_gateway.commands import Refused
@@ -17,6 +17,7 @@ from wackel_gateway.roster import Roster
 from wackel_protocols.dynamixel2 import packet
 from wackel_protocols.dynamixel2.answers import AnswerReader, reader
 from wackel_protocols.dynamixel2.control_table import Register
+from wackel_protocols.dynamixel2.errors import describe_error
 from wackel_protocols.dynamixel2.expectation import Expectation
 from wackel_protocols.dynamixel2.packet import (
     ALERT,
@@ -31,6 +32,7 @@ from wackel_protocols.dynamixel2.packet import (
 from wackel_protocols.dynamixel2.stuffing import unstuff
 from wackel_schemas.bus import BusReply, BusRequest, Transaction
 
+_FAILURES = {COMM_RX_TIMEOUT: "no answer", COMM_RX_CORRUPT: "its answer came damaged"}
 _LENGTHS = (1, 2, 4)
 _MAX_READ = 1024  # more than any control table holds
 _RESET_EXCEPT_ID_AND_BAUD_RATE = packet.FactoryReset.EXCEPT_ID_AND_BAUD_RATE
@@ -229,12 +231,11 @@ class Management:
     def _reply(
         self, servo_id: int, result: int, error: int, text: str, value: int | None = None
     ) -> BusReply:
-        """In the vendor's words where the vendor complains."""
         if result != COMM_SUCCESS:
-            return BusReply(stamp=0, ok=False, text=self._vendor.getTxRxResult(result))
-        complaint = self._vendor.getRxPacketError(error)
+            failure = _FAILURES.get(result) or self._vendor.getTxRxResult(result)
+            return BusReply(stamp=0, ok=False, text=failure)
         ok = not packet.StatusPacket(servo_id, error).error_number
-        text = " ".join(part for part in (text, complaint) if part) if ok else complaint
+        text = "; ".join([*([text] if ok else []), *describe_error(error)])
         return BusReply(stamp=0, ok=ok, text=text, value=value, ids=[servo_id])
 
 

@@ -15,6 +15,7 @@ from wackel_gateway.port import Port
 from wackel_gateway.roster import Roster
 from wackel_node.config import BusConfig
 from wackel_schemas.bus import BusReply, BusRequest, Transaction
+from wackel_schemas.virtual import Injection
 from wackel_virtual.bus import VirtualBus
 from wackel_virtual.port import Ports
 
@@ -24,13 +25,18 @@ RUN_TWICE = b"\xff\xff\xfd\xff\xff\xfd"
 class Desk:
     """Management of a virtual bus, and what it published."""
 
-    def __init__(self, port: Port, config: BusConfig) -> None:
+    def __init__(self, ports: Ports, port: Port, config: BusConfig) -> None:
+        self._ports = ports
         self.published: list[Transaction] = []
         exchange = Exchange(port, Patience(config.baud_rate), lambda: False)
         self._management = Management(exchange, Roster(config.servos), self._publish)
 
     def ask(self, request: BusRequest) -> BusReply:
         return self._management.carry_out(request, stamp=5)
+
+    def inject(self, kind: str, servo: int) -> None:
+        injection = Injection(kind=kind, servo=servo)
+        self._ports.call(lambda buses: buses["main"].inject(injection))
 
     def _publish(self, outcome: Outcome) -> Transaction:
         self.published.append(outcome.message(0))
@@ -40,10 +46,10 @@ class Desk:
 @pytest.fixture
 def desk(bus_config: BusConfig) -> Iterator[Desk]:
     with (
-        Ports({"main": (VirtualBus(bus_config, seed=1), Path(bus_config.port))}),
+        Ports({"main": (VirtualBus(bus_config, seed=1), Path(bus_config.port))}) as ports,
         Port(bus_config.port, bus_config.baud_rate) as port,
     ):
-        yield Desk(port, bus_config)
+        yield Desk(ports, port, bus_config)
 
 
 def test_bytes_that_look_like_a_header_go_out_and_come_back_unharmed(desk: Desk) -> None:
@@ -70,10 +76,27 @@ def test_every_exchange_is_published_as_a_request(desk: Desk) -> None:
     assert reply.ids == [1]
 
 
-def test_the_servos_refusal_is_told_in_the_vendors_words(desk: Desk) -> None:
+def test_the_servos_refusal_is_told_in_words(desk: Desk) -> None:
     reply = desk.ask(BusRequest(operation="read", id=1, address=60_000, length=4))
     assert (reply.ok, reply.value) == (False, None)
-    assert reply.text.startswith("[RxPacketError]")
+    assert reply.text.startswith("access error: ")
+
+
+def test_an_alert_is_told_beside_what_was_done(desk: Desk) -> None:
+    desk.inject("overload", 1)
+    reply = desk.ask(BusRequest(operation="ping", id=1))
+    assert reply.ok
+    assert reply.text == "model number 1030; alert: Hardware Error Status is set"
+
+
+def test_no_answer_is_told_apart_from_a_damaged_one(desk: Desk) -> None:
+    silent = desk.ask(BusRequest(operation="ping", id=77))
+    desk.inject("duplicate_id", 1)
+    damaged = desk.ask(BusRequest(operation="ping", id=1))
+    assert [(reply.ok, reply.text) for reply in (silent, damaged)] == [
+        (False, "no answer"),
+        (False, "its answer came damaged"),
+    ]
 
 
 def test_a_scan_finds_all_and_a_factory_reset_keeps_id_and_baud_rate(desk: Desk) -> None:

@@ -29,7 +29,7 @@ class Gateway:
     def ask(self, servo: Servo, request: BusRequest) -> BusReply:
         registers = self.registers.get(servo, {})
         if request.register not in registers:
-            return BusReply(stamp=0, ok=False, text="There is no status packet!")
+            return BusReply(stamp=0, ok=False, text="no answer")
         if request.operation == "write":
             self.written.append((servo.id, request.register, request.value))
             return BusReply(stamp=0, ok=True, text="")
@@ -64,7 +64,7 @@ def test_a_model_without_a_velocity_limit_is_not_asked_for_it() -> None:
 def test_a_servo_that_does_not_do_as_asked_is_named(registers: dict[str, int]) -> None:
     gateway = Gateway(operating_mode=1, velocity_limit=330)
     gateway.registers[RIGHT] = registers
-    with pytest.raises(NotReached, match=r"servo 2 on bus main cannot .* no status packet"):
+    with pytest.raises(NotReached, match=r"servo 2 on bus main cannot .* no answer"):
         prepared(robot(), Layout(DRIVE), gateway.ask)
 
 
