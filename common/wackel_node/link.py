@@ -25,7 +25,7 @@ from wackel_node.config import RobotConfig
 from wackel_node.inbox import Inbox
 from wackel_node.log import logger
 from wackel_node.publisher import Publisher
-from wackel_node.session import Role, session
+from wackel_node.session import NotReached, Role, session
 from wackel_schemas import wire
 from wackel_schemas.keys import MOST_BYTES, ROOT, Query, Topic
 from wackel_schemas.message import Message, Record
@@ -203,6 +203,20 @@ class Link:
         """Names of all robots whose services meet at this rendezvous."""
         tokens = self.session.liveliness().get(f"{ROOT}/*/alive/*/*", timeout=_TOKENS_S)
         return {str(reply.ok.key_expr).split("/")[1] for reply in tokens if reply.ok is not None}
+
+    def unanswered(self, who: str, command: str = "`wackel up`") -> NotReached:
+        """The error that one of the robot's services does not answer, with what to do about it.
+
+        Args:
+            who: The service, as people call it.
+            command: What starts it.
+        """
+        robot = self.config.robot
+        others = ", ".join(sorted(self.robots() - {robot}))
+        hint = f"start it with {command}"
+        if others:
+            hint = f"here runs {others}; name its robot.toml with --config"
+        return NotReached(f"no {who} of robot {robot} answers: {hint}")
 
     def serve(self, query: Query[Q, R], handler: Callable[[Q], R], **chunks: str) -> None:
         """Answers requests from :meth:`pump`; a request that is not understood gets an error."""

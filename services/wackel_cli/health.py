@@ -12,7 +12,6 @@ from wackel_cli.lines import printable
 from wackel_node.arguments import add_config, config_of
 from wackel_node.errors import FAILED, OK
 from wackel_node.link import Link
-from wackel_node.session import NotReached
 from wackel_schemas import keys
 from wackel_schemas.component import in_words
 from wackel_schemas.health import FaultRecord, Health, HealthRequest
@@ -42,16 +41,11 @@ def main(argv: list[str]) -> int:
     arguments = _parse(argv)
     operation = _OPERATIONS[arguments.operation]
     request = HealthRequest(operation=operation, code=arguments.code, component=arguments.component)
-    config = config_of(arguments)
-    with Link(config) as link:
+    with Link(config_of(arguments)) as link:
         try:
             reply = link.ask(keys.HEALTH_REQUEST, request)
         except TimeoutError as error:
-            others = ", ".join(sorted(link.robots()))
-            hint = "start it with `wackel up`"
-            if others:
-                hint = f"here runs {others}; name its robot.toml with --config"
-            raise NotReached(f"no aggregator of robot {config.robot} answers: {hint}") from error
+            raise link.unanswered("aggregator") from error
     health = reply.health
     if arguments.json:
         print(msgspec.json.format(msgspec.json.encode(reply), indent=2).decode())

@@ -11,7 +11,6 @@ from wackel_node.arguments import add_config, config_of, id_list
 from wackel_node.config import BusConfig, RobotConfig
 from wackel_node.errors import FAILED, OK, USAGE, Explained
 from wackel_node.link import Link
-from wackel_node.session import NotReached
 from wackel_schemas import keys
 from wackel_schemas.bus import BusRequest
 
@@ -75,9 +74,7 @@ def main(argv: list[str]) -> int:
             try:
                 reply = link.ask(keys.BUS_REQUEST, request, _TIMEOUT_S, bus=bus)
             except TimeoutError as error:
-                raise NotReached(
-                    f"no gateway of bus {bus} answers: start it with `wackel up`"
-                ) from error
+                raise link.unanswered(f"gateway of bus {bus}") from error
             replies.append(reply)
             if not arguments.json:
                 who = f"servo {servo}: " if len(servos) > 1 or not reply.ok else ""

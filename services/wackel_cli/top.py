@@ -44,6 +44,8 @@ def main(argv: list[str]) -> int:
         try:
             if arguments.once:
                 _pump_for(link, _ONCE_S)
+                if not link.received:
+                    raise link.unanswered("aggregator")
                 _print(model, console, arguments.json)
             elif arguments.json or not console.is_terminal:
                 link.every(_COUNT_S, lambda: _print(model, console, arguments.json))

@@ -9,7 +9,6 @@ from wackel_node.config_drive import DriveConfig
 from wackel_node.errors import AlreadyRunning
 from wackel_node.link import Link
 from wackel_node.node import Node
-from wackel_node.session import NotReached
 from wackel_pilot.control import Control
 from wackel_pilot.path import Path
 from wackel_pilot.wheel_mode import commanded_buses, prepared
@@ -105,9 +104,7 @@ def _ask(node: Node, servo: Servo, request: BusRequest) -> BusReply:
             reply = node.ask(BUS_REQUEST, request, timeout_s=REQUEST_S, bus=servo.bus)
         except TimeoutError as error:
             if over():
-                raise NotReached(
-                    f"no gateway answers for bus {servo.bus}: start it with `wackel up` first"
-                ) from error
+                raise node.unanswered(f"gateway of bus {servo.bus}") from error
         else:
             if reply.ok or over():
                 return reply

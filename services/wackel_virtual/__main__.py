@@ -39,6 +39,7 @@ examples:
   wackel virtual --tap main=wackel-tap
   wackel virtual --no-zenoh      only the ports, for other software
 """
+_START = "`wackel up --virtual` or `wackel virtual`"
 _INJECT_EXAMPLES = """\
 examples:
   wackel virtual inject break --servo 5
@@ -273,7 +274,6 @@ def _ask(
 ) -> int:
     import msgspec
 
-    from wackel_node.session import NotReached
     from wackel_schemas import keys
     from wackel_schemas.virtual import VirtualRequest
     from wackel_virtual.service import in_words
@@ -283,7 +283,7 @@ def _ask(
         try:
             reply = link.ask(keys.VIRTUAL_REQUEST, request)
         except TimeoutError as error:
-            raise NotReached("no virtual robot answers: start it with `wackel virtual`") from error
+            raise link.unanswered("simulation", _START) from error
     if arguments.json:
         print(msgspec.json.format(msgspec.json.encode(reply), indent=2).decode())
     else:
@@ -313,7 +313,7 @@ def _link(config: "RobotConfig") -> "Link":
         except NotReached:
             raise NotReached(
                 f"no virtual robot at {endpoint} and no `wackel up` at {config.zenoh.endpoint}: "
-                "start it with `wackel virtual`"
+                f"start it with {_START}"
             ) from error
 
 

@@ -7,6 +7,7 @@ import pytest
 from rich.console import Console
 
 from tests import robot
+from wackel_cli import servo, top
 from wackel_cli.health import as_text, folded, main
 from wackel_node.session import NotReached
 from wackel_schemas.fault import Evidence
@@ -98,8 +99,14 @@ def test_who_has_the_wrong_configuration_is_told_who_is_there(tmp_path: Path) ->
         running.wait(running.ready)
         other = tmp_path / "other.toml"
         other.write_text((tmp_path / "robot.toml").read_text().replace("testbot", "otherbot"))
-        with pytest.raises(NotReached, match="here runs testbot"):
-            main(["--config", str(other)])
+        for command, arguments, who in (
+            (main, [], "aggregator"),
+            (servo.main, ["ping", "1"], "gateway of bus main"),
+            (top.main, ["--once"], "aggregator"),
+        ):
+            told = f"no {who} of robot otherbot answers: here runs testbot; name its robot.toml"
+            with pytest.raises(NotReached, match=told):
+                command([*arguments, "--config", str(other)])
 
 
 @pytest.mark.process

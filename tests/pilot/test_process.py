@@ -8,11 +8,16 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from tests.conftest import Rendezvous
 from tests.odometry.simulation import steered_drive
 from tests.robot import Robot, chain, process, running, write
 from wackel_node.config import RobotConfig, ServoConfig
 from wackel_node.config_drive import GyroConfig
 from wackel_node.errors import FAILED, NOT_REACHED, USAGE
+from wackel_node.node import Node
+from wackel_node.session import NotReached
+from wackel_pilot import service
+from wackel_pilot.path import circle
 from wackel_schemas import keys
 from wackel_schemas.bus import BusRequest, BusState
 from wackel_schemas.drive import Odometry, TwistCommand
@@ -106,6 +111,18 @@ def test_without_a_gateway_it_says_what_to_start(tmp_path: Path) -> None:
     with process(*pilot(tmp_path), log=tmp_path / "pilot.log") as driver:
         assert driver.wait(20) == NOT_REACHED
     assert "wackel up" in (tmp_path / "pilot.log").read_text()
+
+
+def test_where_another_robot_runs_it_says_so(
+    rendezvous: Rendezvous, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(service, "REQUEST_S", 0.1)
+    config = msgspec.structs.replace(wheeled(tmp_path), zenoh=rendezvous.config.zenoh)
+    assert config.drive is not None
+    other = msgspec.structs.replace(rendezvous.config, robot="otherbot")
+    told = "no gateway of bus main of robot testbot answers: here runs otherbot"
+    with Node("gateway", "main", other), pytest.raises(NotReached, match=told):
+        service.run(config, config.drive, circle(0.3, 1.0, 0.3), None)
 
 
 def test_without_wheels_it_says_so(tmp_path: Path) -> None:

@@ -182,7 +182,9 @@ def test_without_a_rendezvous_it_is_reached_all_the_same(robot_config, tmp_path,
         assert main(["inject", "break", "--servo", "2", *robot]) == OK
         assert main(["list", *robot]) == OK
     assert capsys.readouterr().out.endswith("1 fault active\n  break at servo 2 on bus arm\n")
-    with pytest.raises(ConnectionError, match="no virtual robot at"):
+    with pytest.raises(
+        ConnectionError, match=r"no virtual robot at .*: start it with `wackel up --virtual` or"
+    ):
         main(["list", *robot])
 
 
@@ -204,7 +206,8 @@ def test_it_listens_at_a_port_that_follows_from_the_rendezvous(endpoint, own):
 def test_where_no_virtual_robot_runs_it_says_what_to_start(rendezvous, tmp_path):
     file = tmp_path / "robot.toml"
     file.write_text(dump(rendezvous.config))
-    with pytest.raises(ConnectionError, match="start it with `wackel virtual`") as error:
+    expected = "simulation of robot testbot answers: start it with `wackel up --virtual` or `wackel"
+    with pytest.raises(ConnectionError, match=expected) as error:
         main(["list", "--config", str(file)])
     assert error.value.exit_code == NOT_REACHED
 
