@@ -20,7 +20,13 @@ def main(argv: list[str]) -> int:
         "steering 5° off, a gyro off by 0.1 rad/s, at 0.5 m/s.",
     )
     add_config_first(parser)
-    parser.add_argument("--json", action="store_true", help="one JSON object a fault")
+    parser.add_argument(
+        "--json",
+        action="store_true",
+        help="one JSON object a fault: component, whether commanded (by command/twist), and for "
+        "each of the motions seen_s, the time to the alarm in s (null: never), and like, the "
+        "components that explain it as well",
+    )
     arguments = parser.parse_args(argv)
     config = load(arguments.config or DEFAULT)
     drive_of(config, "see which of their faults can be told apart")

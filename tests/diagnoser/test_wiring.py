@@ -1,6 +1,7 @@
 """Where the diagnoser is part of a robot, and what it says of one beforehand."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -56,6 +57,18 @@ def test_four_steered_wheels_and_a_gyro_tell_everything_apart(
     for fault in faults:
         motions = fault["motions"].values()
         assert any(seen["seen_s"] is not None and not seen["like"] for seen in motions)
+
+
+def test_help_tells_what_each_key_of_the_json_means(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert explained(robot(differential_drive()), tmp_path, "--json") == 0
+    fault = json.loads(_lines(capsys)[0])
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    words = re.findall(r"\w+", capsys.readouterr().out)
+    for key in (*fault, *next(iter(fault["motions"].values()))):
+        assert key in words
 
 
 def test_two_wheels_look_alike_where_nobody_says_what_they_should_do(
