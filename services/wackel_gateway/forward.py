@@ -27,6 +27,7 @@ from time import monotonic_ns
 from typing import NamedTuple
 
 from wackel_gateway.port import Port, PortLost
+from wackel_gateway.recovery import Recovery
 from wackel_node.precedence import CONTROL, come_first
 
 _READ_BYTES = 65536
@@ -36,8 +37,6 @@ _HEAD = struct.Struct("<Bq")
 _ALONE_NS = 10_000_000_000  # without gateway and without traffic for so long: not needed any more
 _SOON_MS = 50
 _IDLE_MS = 1000
-_FIRST_RETRY_NS = 50_000_000
-_LAST_RETRY_NS = 1_000_000_000
 MAX_RECORD = _READ_BYTES + _HEAD.size
 STOP = b"stop"
 
@@ -100,7 +99,7 @@ class Forwarder:
         self._port: Port | None = None
         self._gateway: socket.socket | None = None
         self._dropped = 0
-        self._retry_ns = _FIRST_RETRY_NS
+        self._recovery = Recovery()
         self._retry_at_ns = 0
         self._lost_because = ""
         self._active_ns = monotonic_ns()
@@ -116,6 +115,9 @@ class Forwarder:
             now = monotonic_ns()
             if self._port is None and now >= self._retry_at_ns:
                 self._open_port(now)
+            if self._port is not None and self._recovery.back(now, heard=self._port.heard):
+                self._lost_because = ""
+                self._tell_open(self._port)
             if self._gateway is None and now - self._active_ns > _ALONE_NS:
                 return
             ready = self._poll.poll(self._timeout_ms())
@@ -142,7 +144,7 @@ class Forwarder:
             self._port.close()
 
     def _timeout_ms(self) -> int:
-        return _SOON_MS if self._port is None or self._dropped else _IDLE_MS
+        return _SOON_MS if self._recovery.lost or self._dropped else _IDLE_MS
 
     def _from_client(self) -> None:
         data = os.read(self._master, _READ_BYTES)
@@ -190,21 +192,19 @@ class Forwarder:
         try:
             self._port = Port(self._task.port, self._baud_rate)
         except PortLost as lost:
-            self._retry_at_ns = now + self._retry_ns
-            self._retry_ns = min(_LAST_RETRY_NS, 2 * self._retry_ns)
-            self._tell_lost(str(lost))
+            self._lose_port(str(lost))
             return
-        self._retry_ns = _FIRST_RETRY_NS
-        self._lost_because = ""
+        self._recovery.opened(now)
         self._poll.register(self._port.fd, select.POLLIN)
-        self._tell_open(self._port)
+        if not self._recovery.lost:
+            self._tell_open(self._port)
 
     def _lose_port(self, reason: str) -> None:
         if self._port is not None:
             self._poll.unregister(self._port.fd)
             self._port.close()
             self._port = None
-        self._retry_at_ns = monotonic_ns() + self._retry_ns
+        self._retry_at_ns = monotonic_ns() + self._recovery.lose()
         self._tell_lost(reason)
 
     def _tell_open(self, port: Port) -> None:
@@ -230,10 +230,10 @@ class Forwarder:
         self._dropped = 0
         self._poll.register(connection.fileno(), select.POLLIN)
         self._tell(Kind.HELLO, **self._task._asdict())
-        if self._port is not None:
-            self._tell_open(self._port)
-        elif self._lost_because:
+        if self._recovery.lost:
             self._tell(Kind.LOST, reason=self._lost_because)
+        elif self._port is not None:
+            self._tell_open(self._port)
 
     def _detach(self) -> None:
         if self._gateway is not None:

@@ -20,6 +20,8 @@ _READ_BYTES = 65536  # more than a tty's buffer, so that one read empties it
 _TIOCGICOUNT = 0x545D  # asm-generic/ioctls.h
 _ICOUNT = struct.Struct("11i36x")  # serial_icounter_struct, linux/serial.h
 _OVERRUN, _BUFFER_OVERRUN = 7, 10  # its fields
+_SENT_MS = 1000  # 960 bytes at the slowest rate that servos have, more than any instruction
+_TAKES_NONE = "it takes no bytes any more"
 _GONE = select.POLLHUP | select.POLLERR | select.POLLNVAL
 
 REASONS = {
@@ -45,12 +47,14 @@ class Port:
 
     Attributes:
         path: As configured.
+        heard: Whether any byte has come.
         latency_timer_ms: USB latency timer as the driver tells it; absent where it tells none.
     """
 
     def __init__(self, path: str, baud_rate: int) -> None:
         """Opens it. Raises :class:`PortLost` with the reason where that fails."""
         self.path = path
+        self.heard = False
         try:
             self._serial = serial.Serial(path, baud_rate, timeout=0, exclusive=True)
         except (OSError, ValueError) as error:  # SerialException is an OSError
@@ -60,6 +64,9 @@ class Port:
         self._poll.register(self.fd, select.POLLIN)
         self.latency_timer_ms = self._lower_latency()
         self.discard()
+        if not self._writable(0):
+            self.close()
+            raise PortLost(_TAKES_NONE)
 
     def __enter__(self) -> Self:
         return self
@@ -94,21 +101,24 @@ class Port:
         try:
             written = os.write(self.fd, data)
             while written < len(data):
-                self._wait_writable()
+                if not self._writable(_SENT_MS):
+                    raise BlockingIOError
                 written += os.write(self.fd, data[written:])
         except BlockingIOError as error:
-            raise PortLost("it takes no bytes any more") from error
+            raise PortLost(_TAKES_NONE) from error
         except OSError as error:
             raise PortLost(_reason(error)) from error
 
     def read(self) -> bytes:
         """What has come, at once; empty if nothing. Raises :class:`PortLost`."""
         try:
-            return os.read(self.fd, _READ_BYTES)
+            data = os.read(self.fd, _READ_BYTES)
         except BlockingIOError:
             return b""
         except OSError as error:
             raise PortLost(_reason(error)) from error
+        self.heard = self.heard or bool(data)
+        return data
 
     def wait(self, timeout_ms: float) -> bool:
         """Waits for bytes; whether there are any. Raises :class:`PortLost` on a hang-up."""
@@ -136,12 +146,11 @@ class Port:
         counts = _ICOUNT.unpack(buffer)
         return int(counts[_OVERRUN] + counts[_BUFFER_OVERRUN])
 
-    def _wait_writable(self) -> None:
+    def _writable(self, timeout_ms: float) -> bool:
+        """Whether it takes bytes, or does so in time."""
         waiting = select.poll()
         waiting.register(self.fd, select.POLLOUT)
-        # 1 s sends 960 bytes at the slowest rate that servos have, more than any instruction.
-        if not waiting.poll(1000):
-            raise BlockingIOError
+        return bool(waiting.poll(timeout_ms))
 
     def _lower_latency(self) -> int | None:
         with suppress(OSError, ValueError):  # not every driver knows it; what holds is read back

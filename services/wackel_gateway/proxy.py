@@ -16,8 +16,9 @@ from wackel_gateway.commands import Refused
 from wackel_gateway.forward import MAX_RECORD, STOP, Kind, Record, Task
 from wackel_gateway.outbox import Outbox
 from wackel_gateway.patience import Patience
+from wackel_gateway.recovery import Recovery
 from wackel_gateway.reporter import Reporter
-from wackel_gateway.retry import Retry
+from wackel_gateway.retry import wait
 from wackel_gateway.segment import Segmenter
 from wackel_gateway.waiting import wait_ms
 from wackel_node.config import BusConfig, ConfigError
@@ -48,7 +49,7 @@ class Proxy:
 
     def run(self) -> None:
         """Until the node stops; then the forwarder stops too."""
-        retry = Retry(self._node)
+        recovery = Recovery()
         while not self._node.stopping:
             with attach(self._task) as forwarder:
                 self._read(forwarder)
@@ -57,7 +58,7 @@ class Proxy:
                     stop(forwarder)
                     return
             logger.error("the forwarder ended; starting another")
-            retry.wait()
+            wait(self._node, recovery.lose())
 
     def _read(self, forwarder: socket.socket) -> None:
         """Until the node stops or the forwarder ends."""

@@ -1,34 +1,23 @@
 """Keeping a port open: when it is lost, trying again soon at first, then less and less often."""
 
 from collections.abc import Callable
-from time import monotonic
+from contextlib import ExitStack
+from time import monotonic_ns
 
 from wackel_gateway.port import Port, PortLost
+from wackel_gateway.recovery import Recovery
 from wackel_gateway.reporter import Reporter
 from wackel_node.config import BusConfig
 from wackel_node.node import Node
 
-_FIRST_S = 0.05
-_LAST_S = 1.0
+_LOOK_S = 0.05
 
 
-class Retry:
-    """The pauses between attempts to open a port; the node's handlers run meanwhile."""
-
-    def __init__(self, node: Node) -> None:
-        self._node = node
-        self._pause_s = _FIRST_S
-
-    def succeeded(self) -> None:
-        """The next pause is a short one again."""
-        self._pause_s = _FIRST_S
-
-    def wait(self) -> None:
-        """The next pause, twice as long as the one before; ends early if the node stops."""
-        until = monotonic() + self._pause_s
-        self._pause_s = min(_LAST_S, 2 * self._pause_s)
-        while not self._node.stopping and (left_s := until - monotonic()) > 0:
-            self._node.pump(left_s)
+def wait(node: Node, pause_ns: int) -> None:
+    """Lets the node's handlers run for so long; ends early if the node stops."""
+    until_ns = monotonic_ns() + pause_ns
+    while not node.stopping and (left_ns := until_ns - monotonic_ns()) > 0:
+        node.pump(left_ns / 1e9)
 
 
 def keep_open(
@@ -40,22 +29,26 @@ def keep_open(
         node: Until this one stops.
         config: Path and baud rate.
         reporter: Told when the port is there and when it is lost.
-        use: Returns when the node stops; raises :class:`PortLost`.
+        use: Returns when the node stops; raises :class:`PortLost`. Pumps the node meanwhile.
     """
-    retry = Retry(node)
-    while not node.stopping:
-        try:
-            port = Port(config.port, config.baud_rate)
-        except PortLost as lost:
-            reporter.lost(str(lost))
-            retry.wait()
-            continue
-        with port:
+    recovery = Recovery()
+    port: Port | None = None
+
+    def look() -> None:
+        if port is not None and recovery.back(monotonic_ns(), heard=port.heard):
             reporter.connected(port.baud_rate, port.latency_timer_ms)
-            retry.succeeded()
+
+    node.every(_LOOK_S, look)
+    while not node.stopping:
+        with ExitStack() as stack:
             try:
+                port = stack.enter_context(Port(config.port, config.baud_rate))
+                recovery.opened(monotonic_ns())
+                if not recovery.lost:
+                    reporter.connected(port.baud_rate, port.latency_timer_ms)
                 use(port)
             except PortLost as lost:
                 # Before it is closed, for which a driver may take its time.
                 reporter.lost(str(lost))
-        retry.wait()
+        port = None
+        wait(node, recovery.lose())

@@ -1,9 +1,12 @@
 """A virtual bus on a real pseudo-terminal, and a real gateway process beside it."""
 
+import os
 import signal
 import subprocess
 import sys
+import tty
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from time import sleep
@@ -57,6 +60,30 @@ def bus_config(tmp_path: Path) -> BusConfig:
         return_delay_us=0,
         servos=[ServoConfig(id=servo_id) for servo_id in IDS],
     )
+
+
+@pytest.fixture
+def wire(bus_config: BusConfig) -> Iterator[int]:
+    """A pseudo-terminal at the bus's port; here is its other side."""
+    master, slave = os.openpty()
+    tty.setraw(slave)
+    Path(bus_config.port).symlink_to(os.ttyname(slave))
+    yield master
+    os.close(slave)
+    os.close(master)
+
+
+def stuff(port: Path) -> int:
+    """Writes to a port until it takes no more; returns how many bytes it took."""
+    fd = os.open(port, os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK)
+    taken = 0
+    try:
+        with suppress(BlockingIOError):
+            while True:
+                taken += os.write(fd, bytes(64))
+    finally:
+        os.close(fd)
+    return taken
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """Mode poll on a real pseudo-terminal, with servos that go silent and adapters that come out."""
 
+import os
 import signal
 from itertools import groupby
 from pathlib import Path
@@ -8,7 +9,7 @@ import msgspec
 import pytest
 
 from tests.conftest import wait_until
-from tests.gateway.conftest import IDS, Bus, StartGateway
+from tests.gateway.conftest import IDS, Bus, StartGateway, stuff
 from wackel_node.config import BusConfig
 from wackel_schemas import keys
 from wackel_schemas.bus import BusCommand, BusReply, BusRequest, BusState, ServoGoal, Transaction
@@ -161,6 +162,19 @@ def test_an_adapter_that_is_unplugged_is_a_fault_at_once_and_heals(
     gateway.wait_until(gateway.answering(IDS))
     gateway.wait_until(lambda: gateway.statistics[-1].reconnects == 1)
     assert gateway.statistics[-1].servos[0].received > 10  # counters were kept
+
+
+def test_a_port_that_takes_no_bytes_is_told_once_and_heals(
+    wire: int, bus_config: BusConfig, start_gateway: StartGateway
+) -> None:
+    held = stuff(Path(bus_config.port))
+    gateway = start_gateway(bus_config)
+    gateway.wait_until(lambda: sum(fault.repeated for fault in gateway.faults) == 2)
+    (fault,) = [fault for fault in gateway.faults if not fault.repeated]
+    assert (fault.status, "takes no bytes" in fault.message) == ("active", True)
+    while held > 0:
+        held -= len(os.read(wire, held))
+    gateway.wait_until(lambda: gateway.faults[-1].status == "healed")
 
 
 def test_without_an_adapter_it_waits_says_so_and_stops_at_once(

@@ -180,6 +180,25 @@ def test_a_client_outlives_the_adapter_and_goes_on_when_it_is_back(
         gateway.wait_until(lambda: gateway.faults[-1].status == "healed")
 
 
+def test_a_port_that_takes_no_bytes_is_told_once(
+    wire: int, proxied: BusConfig, start_gateway: StartGateway
+) -> None:
+    gateway = start_gateway(proxied)
+    gateway.wait_until(connected(gateway, proxied))
+
+    client = os.open(proxied.proxy_port, os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK)
+
+    def told_again() -> bool:
+        with suppress(BlockingIOError):  # the forwarder is waiting for the port
+            os.write(client, bytes(1024))
+        return sum(fault.repeated for fault in gateway.faults) >= 2
+
+    gateway.wait_until(told_again)
+    os.close(client)
+    (fault,) = [fault for fault in gateway.faults if not fault.repeated]
+    assert (fault.status, "takes no bytes" in fault.message) == ("active", True)
+
+
 def test_commands_and_requests_are_refused_because_the_bus_belongs_to_another(
     bus: Bus, proxied: BusConfig, start_gateway: StartGateway
 ) -> None:

@@ -2,9 +2,6 @@
 
 import os
 import signal
-import tty
-from collections.abc import Iterator
-from pathlib import Path
 
 import msgspec
 import pytest
@@ -17,17 +14,6 @@ from wackel_schemas import keys
 from wackel_schemas.bus import BusRequest
 
 pytestmark = pytest.mark.process
-
-
-@pytest.fixture
-def wire(bus_config: BusConfig) -> Iterator[int]:
-    """A pseudo-terminal at the bus's port; what is written to it is what the tap hears."""
-    master, slave = os.openpty()
-    tty.setraw(slave)
-    Path(bus_config.port).symlink_to(os.ttyname(slave))
-    yield master
-    os.close(slave)
-    os.close(master)
 
 
 def test_a_tap_publishes_what_it_hears_and_writes_nothing(
