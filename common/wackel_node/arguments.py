@@ -10,6 +10,7 @@ from wackel_node.config import RobotConfig, load
 from wackel_protocols.dynamixel2.packet import MAX_ID
 
 DEFAULT = Path("robot.toml")
+_LARGEST = 1_000_000  # s, m, m/s and the like
 
 
 ELSE_DEFAULTS = "robot.toml where you are, else all defaults"
@@ -85,7 +86,7 @@ def add_verbose(parser: argparse.ArgumentParser) -> None:
 
 
 def above_zero(text: str) -> float:
-    """A quantity that can only be so.
+    """A quantity that can only be so, and is no larger than anything of a robot.
 
     Raises:
         argparse.ArgumentTypeError: It is not.
@@ -94,8 +95,10 @@ def above_zero(text: str) -> float:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not 0.0 < value <= 1e6:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number above zero")
+    if not 0.0 < value <= _LARGEST:
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: allowed is a number above zero, up to {_LARGEST}"
+        )
     return value
 
 

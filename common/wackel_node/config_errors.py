@@ -40,8 +40,10 @@ def _problem(value: object, wanted: inspect.Type, path: str) -> str | None:
         return _first(
             _problem(item, wanted.item_type, f"{path}[{i}]") for i, item in enumerate(value)
         )
-    if not _fits(value, wanted) or value not in extra.get("values", (value,)):
+    if "values" in extra and value not in extra["values"]:
         return f"{path} = {_shown(value)}: {permitted}"
+    if not _fits(value, wanted):
+        return f"{path} = {_shown(value)}: {permitted}{_limit(value, wanted)}"
     return None
 
 
@@ -128,6 +130,14 @@ def _range(wanted: inspect.IntType | inspect.FloatType) -> str:
     if wanted.ge is not None:
         return f" from {wanted.ge:g} up"
     return f" greater than {wanted.gt:g}" if wanted.gt is not None else ""
+
+
+def _limit(value: object, wanted: inspect.Type) -> str:
+    """What to add for a number that only is too large, where its type names no largest."""
+    number = isinstance(wanted, inspect.IntType | inspect.FloatType) and wanted.le is None
+    if number and isinstance(value, int | float) and abs(value) >= _LARGEST:
+        return f", of a size below {_LARGEST:g}"
+    return ""
 
 
 def _alternatives(values: Iterable[object]) -> str:

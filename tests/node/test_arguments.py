@@ -32,6 +32,13 @@ def test_what_can_only_be_above_zero_is_so() -> None:
             count(nonsense)
 
 
+def test_what_is_too_large_is_told_how_large_it_may_be() -> None:
+    assert above_zero("1e6") == 1e6
+    for much in ("1e300", "1e7", "inf"):
+        with pytest.raises(argparse.ArgumentTypeError, match=f"'{much}': .* up to 1000000"):
+            above_zero(much)
+
+
 def test_a_configuration_may_stand_first_or_behind_its_option() -> None:
     parser = argparse.ArgumentParser()
     add_config_first(parser)

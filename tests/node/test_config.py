@@ -43,6 +43,11 @@ MISTAKES = {
     BUS + "rate = true": "buses.main.rate = true: allowed is a number, above 0 … 2000",
     BUS + "nominal_voltage = nan": "buses.main.nominal_voltage = nan: allowed is a number greater "
     "than 0",
+    BUS + "nominal_voltage = 1e300": "buses.main.nominal_voltage = 1e+300: allowed is a number "
+    "greater than 0, of a size below 1e+18",
+    "recorder.max_s = inf": "recorder.max_s = inf: allowed is a number greater than 0, of a "
+    "size below 1e+18",
+    BUS + "rate = 1e300": "buses.main.rate = 1e+300: allowed is a number, above 0 … 2000",
     BUS + "fast_sync_read = 1": "buses.main.fast_sync_read = 1: allowed are true and false",
     BUS + "servos = 1": "buses.main.servos = 1: allowed is a list",
     BUS + "servos = [{id = 1}, {id = 253}]": "buses.main.servos[1].id = 253: allowed is a whole "

@@ -47,6 +47,10 @@ MISTAKES = {
     "y, or l and alpha",
     drive(LEFT, wheel(name="b", y=-0.2, drive=2, direction=0)): "drive.wheels[1].direction = 0: "
     "allowed are 1, -1",
+    drive(LEFT, wheel(name="b", y=-0.2, drive=2, direction=10**19)): "drive.wheels[1].direction = "
+    "10000000000000000000: allowed are 1, -1",
+    drive(LEFT, wheel(name="b", y=-0.2, drive=2, steering_offset=-1e300)): "drive.wheels[1]"
+    ".steering_offset = -1e+300: allowed is a number, of a size below 1e+18",
     drive(LEFT, wheel(name="b", y=-0.2, drive=2, radius=0)): "drive.wheels[1].radius = 0: allowed "
     "is a number greater than 0",
     drive(LEFT, wheel(name="b", y=-0.2, drive=2, steering_bus="main")): "drive.wheels[1]"
