@@ -11,12 +11,18 @@ from wackel_node.config_types import Name, Positive, Section, ServoId
 DriveKind = Literal["steered", "differential", "tricycle", "ackermann", "mecanum", "omni"]
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 Direction = Annotated[int, Meta(extra={"values": (1, -1)})]
-# 80° is as far as the kinematics goes: beyond, a mecanum wheel pushes nothing.
+# No robot of serial servos is as large as these: who comes here has written mm, cm or degrees.
+Radius = Annotated[float, Meta(gt=0, le=1, extra={"unit": "m"})]
+Coordinate = Annotated[float, Meta(ge=-10, le=10, extra={"unit": "m"})]
+Distance = Annotated[float, Meta(ge=0, le=10, extra={"unit": "m"})]
+Width = Annotated[float, Meta(gt=0, le=10, extra={"unit": "m"})]
+Angle = Annotated[float, Meta(ge=-10, le=10, extra={"unit": "rad"})]
 MOST_READ = 64
 """Bytes of one read of a sensor: 0.7 ms at 1 Mbit/s, which each cycle pays."""
 RATE_FACTOR = 1.5
 """A gyro's timer is within a few percent; the next setting of a sensor is twice or half."""
-Roller = Annotated[float, Meta(ge=-math.radians(80), le=math.radians(80))]
+# 80° is as far as the kinematics goes: beyond, a mecanum wheel pushes nothing.
+Roller = Annotated[float, Meta(ge=-math.radians(80), le=math.radians(80), extra={"unit": "rad"})]
 
 
 class WheelConfig(Section, kw_only=True, frozen=True):
@@ -24,9 +30,9 @@ class WheelConfig(Section, kw_only=True, frozen=True):
 
     Attributes:
         name: As faults call it.
-        x, y: Contact point; or instead of them
-        l, alpha: the same in polar form.
-        radius: Of the wheel.
+        x, y: Contact point, m; absent where l and alpha tell it.
+        l, alpha: Contact point in polar form, m and rad; absent where x and y tell it.
+        radius: Of the wheel, m.
         bus: Bus of the drive servo.
         drive: Id of the servo that drives the wheel, in wheel mode; absent if it rolls freely.
         direction: 1 if the wheel rolls forward when the servo turns positively, else -1.
@@ -42,19 +48,19 @@ class WheelConfig(Section, kw_only=True, frozen=True):
     """
 
     name: Name
-    radius: Positive
+    radius: Radius
     bus: Name
-    x: float | None = None
-    y: float | None = None
-    l: Annotated[float, Meta(ge=0)] | None = None  # noqa: E741 (the paper's name)
-    alpha: float | None = None
+    x: Coordinate | None = None
+    y: Coordinate | None = None
+    l: Distance | None = None  # noqa: E741 (the paper's name)
+    alpha: Angle | None = None
     drive: ServoId | None = None
     direction: Direction = 1
     steering: ServoId | None = None
     steering_bus: Name | None = None
     steering_direction: Direction = 1
-    steering_offset: float = 0.0
-    heading: float = 0.0
+    steering_offset: Angle = 0.0
+    heading: Angle = 0.0
     roller: Roller | None = None
 
     def servos(self) -> Iterator[tuple[str, int]]:
@@ -74,7 +80,7 @@ class DriveConfig(Section, kw_only=True, frozen=True):
             ``mecanum``; ``omni``. Castors are left out.
         wheels: In the order in which messages list them.
         track: Differential: distance between the sides that the robot turns as if it had, which
-            for a skid-steered one is larger than what a ruler says; absent: from the wheels.
+            for a skid-steered one is larger than what a ruler says, m; absent: from the wheels.
         radius_error: Standard deviation of the radii, as a share. A skid-steered robot, whose
             wheels slide by design, needs 0.1 and more.
         steering_error: Standard deviation of the wheels' directions, rad (0.2°).
@@ -83,7 +89,7 @@ class DriveConfig(Section, kw_only=True, frozen=True):
 
     kind: DriveKind
     wheels: list[WheelConfig] = []
-    track: Positive | None = None
+    track: Width | None = None
     radius_error: Annotated[float, Meta(gt=0, le=1)] = 0.003
     steering_error: Annotated[float, Meta(gt=0, le=1)] = 0.0035
     encoder_step: Positive = 2 * math.pi / 4096

@@ -1,8 +1,8 @@
 """What is wrong with a configuration tree, in one line: key, what stands there, what is allowed.
 
 msgspec names neither the keys of a mapping nor the allowed values, so the tree is walked along the
-types themselves. A type may carry ``Meta(extra=...)`` with the ``values`` that are allowed, or with
-``words`` for what is.
+types themselves. A type may carry ``Meta(extra=...)`` with the ``values`` that are allowed, with
+``words`` for what is, or with the ``unit`` of a number that has limits.
 """
 
 import difflib
@@ -98,6 +98,8 @@ def _permitted(wanted: inspect.Type) -> str:
             return _alternatives(values)
         case inspect.Metadata(extra={"words": words}):
             return f"allowed is {words}"
+        case inspect.Metadata(extra={"unit": unit}):
+            return f"{_permitted(wanted.type)} {unit}"
         case inspect.Metadata():
             return _permitted(wanted.type)
         case inspect.UnionType():

@@ -61,6 +61,7 @@ def test_every_setting_is_explained(capsys: pytest.CaptureFixture[str]) -> None:
     assert {"[buses.NAME]", "[[buses.NAME.servos]]", "[[drive.wheels]]"} <= {*heads}
     assert len(heads) == len({*heads})
     assert "  baud_rate             Bit/s. (default: 1000000)" in lines
+    assert "  radius                Of the wheel, m." in lines
     settings = [line.split(maxsplit=1) for line in lines if re.match(r"  \w", line)]
     for name in dump(RobotConfig()).splitlines():
         key = name.removeprefix("# ").partition(" ")[0]

@@ -49,10 +49,24 @@ MISTAKES = {
     "allowed are 1, -1",
     drive(LEFT, wheel(name="b", y=-0.2, drive=2, direction=10**19)): "drive.wheels[1].direction = "
     "10000000000000000000: allowed are 1, -1",
-    drive(LEFT, wheel(name="b", y=-0.2, drive=2, steering_offset=-1e300)): "drive.wheels[1]"
-    ".steering_offset = -1e+300: allowed is a number, of a size below 1e+18",
     drive(LEFT, wheel(name="b", y=-0.2, drive=2, radius=0)): "drive.wheels[1].radius = 0: allowed "
-    "is a number greater than 0",
+    "is a number, above 0 … 1 m",
+    drive(LEFT, wheel(name="b", y=-0.2, drive=2, radius=33)): "drive.wheels[1].radius = 33: "
+    "allowed is a number, above 0 … 1 m",
+    drive(LEFT, wheel(name="b", y=-120, drive=2)): "drive.wheels[1].y = -120: allowed is a number, "
+    "-10 … 10 m",
+    drive(LEFT, wheel(name="b", x=None, y=None, l=120, alpha=0, drive=2)): "drive.wheels[1].l = "
+    "120: allowed is a number, 0 … 10 m",
+    drive(LEFT, wheel(name="b", x=None, y=None, l=0.2, alpha=-90, drive=2)): "drive.wheels[1]"
+    ".alpha = -90: allowed is a number, -10 … 10 rad",
+    drive(LEFT, wheel(name="b", y=-0.2, drive=2, heading=45)): "drive.wheels[1].heading = 45: "
+    "allowed is a number, -10 … 10 rad",
+    drive(LEFT, wheel(name="b", y=-0.2, drive=2, steering_offset=45)): "drive.wheels[1]"
+    ".steering_offset = 45: allowed is a number, -10 … 10 rad",
+    drive(LEFT, wheel(name="b", y=-0.2, drive=2, roller=45)): "drive.wheels[1].roller = 45: "
+    "allowed is a number, -1.39626 … 1.39626 rad",
+    drive(LEFT, RIGHT, more="track = 240"): "drive.track = 240: allowed is a number, above 0 … "
+    "10 m",
     drive(LEFT, wheel(name="b", y=-0.2, drive=2, steering_bus="main")): "drive.wheels[1]"
     ".steering_bus is useless without steering",
     drive(LEFT, wheel(name="b", y=-0.2, drive=2, heading=0.5)): "drive.wheels[1].heading: the "
