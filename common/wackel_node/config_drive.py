@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from typing import Annotated, Literal
+from itertools import combinations
+from typing import Annotated, Literal, TypeAlias
 
 from msgspec import Meta
 
@@ -21,6 +22,10 @@ MOST_READ = 64
 """Bytes of one read of a sensor: 0.7 ms at 1 Mbit/s, which each cycle pays."""
 RATE_FACTOR = 1.5
 """A gyro's timer is within a few percent; the next setting of a sensor is twice or half."""
+_Row: TypeAlias = tuple[float, float, float]
+_APART_M = 0.001
+_SINGULAR = 0.01
+"""Sines and determinants below are 0 but for angles that are rounded or half a degree off."""
 # 80° is as far as the kinematics goes: beyond, a mecanum wheel pushes nothing.
 Roller = Annotated[float, Meta(ge=-math.radians(80), le=math.radians(80), extra={"unit": "rad"})]
 
@@ -181,7 +186,11 @@ def drive_problem(drive: DriveConfig, buses: Mapping[str, Collection[int]]) -> s
         return "drive.wheels: the left and the right wheels must stand apart (y)"
     if all(math.hypot(*position(wheel)) == 0 for wheel in drive.wheels):
         return "drive.wheels: at least one must stand away from the origin"
-    return None
+    for one, other in combinations(drive.wheels, 2):
+        if math.dist(position(one), position(other)) < _APART_M:
+            return f"drive.wheels: {one.name!r} and {other.name!r} stand in one place"
+    problem = _push_problem(drive.wheels) if drive.kind in ("mecanum", "omni") else None
+    return f"drive.wheels: {problem}" if problem else None
 
 
 def gyro_problem(
@@ -251,6 +260,31 @@ def _role_problem(kind: DriveKind, wheel: WheelConfig) -> str | None:
 def _both_sides(wheels: Sequence[WheelConfig]) -> bool:
     sides = [position(wheel)[1] for wheel in wheels]
     return min(sides) < 0 < max(sides)
+
+
+def _push_problem(wheels: Sequence[WheelConfig]) -> str | None:
+    """Why wheels with rollers cannot move the robot in any direction and turn it."""
+    # Lines of push in the plane: three that are neither parallel nor meet make any motion.
+    angles = [wheel.heading + (wheel.roller or 0.0) for wheel in wheels]
+    if all(abs(math.sin(one - other)) < _SINGULAR for one, other in combinations(angles, 2)):
+        return "all push in the same direction, so the robot cannot go sideways to it (heading)"
+    size = max(math.hypot(*position(wheel)) for wheel in wheels)
+    rows = []
+    for wheel, angle in zip(wheels, angles, strict=True):
+        x, y = position(wheel)
+        cos, sin = math.cos(angle), math.sin(angle)
+        rows.append((cos, sin, (x * sin - y * cos) / size))
+    if all(abs(_determinant(*three)) < _SINGULAR for three in combinations(rows, 3)):
+        return "all push through the same point, so they cannot turn the robot (heading, roller)"
+    return None
+
+
+def _determinant(a: _Row, b: _Row, c: _Row) -> float:
+    return (
+        a[0] * (b[1] * c[2] - b[2] * c[1])
+        + a[1] * (b[2] * c[0] - b[0] * c[2])
+        + a[2] * (b[0] * c[1] - b[1] * c[0])
+    )
 
 
 def _source_problem(gyro: GyroConfig) -> str | None:

@@ -28,6 +28,7 @@ def gyro(registers: str = "", **fields: object) -> str:
 
 LEFT, RIGHT = wheel(), wheel(name="b", y=-0.2, drive=2)
 
+
 MISTAKES = {
     drive(LEFT, RIGHT, kind="tank"): "drive.kind = 'tank': allowed are 'ackermann', "
     "'differential', 'mecanum', 'omni', 'steered', 'tricycle'",
@@ -123,6 +124,48 @@ def test_a_mistake_is_told_by_its_place(text: str) -> None:
     with pytest.raises(ConfigError) as caught:
         parse(text)
     assert str(caught.value) == f"robot.toml: {MISTAKES[text]}"
+
+
+def placed(kind: str, *wheels: dict[str, object]) -> str:
+    """A drive whose wheels differ from one another as told; no bus says which servos there are."""
+    each = (wheel(name=f"w{i}", drive=i, **told) for i, told in enumerate(wheels))
+    return drive(*each, kind=kind).replace("servos", "# servos")
+
+
+def corners(*rollers: float) -> list[dict[str, object]]:
+    """Of a square; front left, front right, rear left, rear right."""
+    places = [(0.1, 0.1), (0.1, -0.1), (-0.1, 0.1), (-0.1, -0.1)]
+    return [{"x": x, "y": y, "roller": r} for (x, y), r in zip(places, rollers, strict=True)]
+
+
+THIRD = 2.0944  # rad
+SAME_PLACE = "'w0' and 'w2' stand in one place"
+SAME_WAY = "all push in the same direction, so the robot cannot go sideways to it (heading)"
+SAME_POINT = "all push through the same point, so they cannot turn the robot (heading, roller)"
+IMMOBILE = {
+    placed(
+        "steered", *({"x": x, "y": 0.0, "steering": i} for i, x in ((4, 0.1), (5, 0.2), (6, 0.1)))
+    ): SAME_PLACE,
+    placed("omni", *({"x": x, "heading": THIRD * x} for x in (1, 2, 1))): SAME_PLACE,
+    placed("omni", *({"y": y, "heading": 0.0} for y in (1, 2, 3))): SAME_WAY,
+    placed("omni", *({"y": y, "heading": 3.1416 * y} for y in (1, 2, 3))): SAME_WAY,
+    placed(
+        "omni",
+        *({"x": None, "y": None, "l": 1, "alpha": a, "heading": a} for a in (0, THIRD, -THIRD)),
+    ): SAME_POINT,
+    placed("mecanum", *corners(0.785, -0.785, -0.785, 0.785)): SAME_POINT,
+}
+
+
+@pytest.mark.parametrize("text", IMMOBILE)
+def test_a_drive_that_cannot_move_in_all_its_ways_is_refused(text: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse(text)
+    assert str(caught.value) == f"robot.toml: drive.wheels: {IMMOBILE[text]}"
+
+
+def test_rollers_that_form_an_x_move_it() -> None:
+    assert parse(placed("mecanum", *corners(-0.785, 0.785, 0.785, -0.785))).drive is not None
 
 
 def test_what_is_printed_with_all_defaults_reads_as_the_same() -> None:
