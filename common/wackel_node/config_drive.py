@@ -106,12 +106,18 @@ class GyroRegister(Section, kw_only=True, frozen=True):
     Attributes:
         address: Of the first byte.
         encoding: Of the value, low byte first.
-        scale: rad/s for a value of 1; negative where the axis points the other way.
+        scale: rad/s for a value of 1; negative where the axis points the other way. Absent: the
+            value is in rad/s, which of integers it never is.
     """
 
     address: Annotated[int, Meta(ge=0, le=0xFFFF)]
     encoding: Literal["int16", "int32", "float32"] = "float32"
-    scale: float = 1.0
+    scale: float | None = None
+
+    @property
+    def factor(self) -> float:
+        """The scale that is in force, rad/s."""
+        return 1.0 if self.scale is None else self.scale
 
     @property
     def end(self) -> int:
@@ -312,6 +318,14 @@ def _bus_problem(
         return f".id = {gyro.id}: bus {gyro.bus} has a servo of this id"
     if gyro.axis[-1] not in gyro.registers:
         return f".registers: axis {gyro.axis!r} points up, so {gyro.axis[-1]} must be there"
+    for axis, register in gyro.registers.items():
+        where = f".registers.{axis}.scale"
+        if register.scale == 0:
+            return f"{where} = 0: the gyro would always show that it stands"
+        if register.scale is None and register.encoding != "float32":
+            return (
+                f"{where} is missing: encoding = {register.encoding!r} needs rad/s for a value of 1"
+            )
     registers = gyro.registers.values()
     if max(each.end for each in registers) - min(each.address for each in registers) > MOST_READ:
         return f".registers: they must lie within {MOST_READ} bytes, to be read in one go"

@@ -55,4 +55,4 @@ class BusGyro:
         (raw,) = _LAYOUTS[register.encoding].unpack_from(
             data, register.address - self.block.address
         )
-        return float(raw) * register.scale
+        return float(raw) * register.factor

@@ -52,7 +52,7 @@ class Board:
         table = bytearray(self._size)
         for name, gyro in self._gyros.items():
             for axis, register in gyro.registers.items():
-                value: float = self.rates[name]["xyz".index(axis)] / register.scale
+                value: float = self.rates[name]["xyz".index(axis)] / register.factor
                 if register.encoding != "float32":
                     most = _MOST[register.encoding]
                     value = min(max(round(value), -most), most)

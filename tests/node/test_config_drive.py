@@ -110,6 +110,15 @@ MISTAKES = {
     gyro("q = { address = 68 }"): "gyros.body.registers.q: allowed are 'x', 'y', 'z'",
     gyro("z = { address = 68, encoding = 'float' }"): "gyros.body.registers.z.encoding = 'float': "
     "allowed are 'float32', 'int16', 'int32'",
+    gyro(
+        "z = { address = 68, encoding = 'int16' }", source="bus", bus="main", id=200
+    ): "gyros.body.registers.z.scale is missing: encoding = 'int16' needs rad/s for a value of 1",
+    gyro(
+        "z = { address = 68, encoding = 'int32' }", source="bus", bus="main", id=200
+    ): "gyros.body.registers.z.scale is missing: encoding = 'int32' needs rad/s for a value of 1",
+    gyro(
+        "z = { address = 68, scale = 0.0 }", source="bus", bus="main", id=200
+    ): "gyros.body.registers.z.scale = 0: the gyro would always show that it stands",
     gyro(source="iio"): "gyros.body.device is missing: source = 'iio' needs it",
     gyro(device="bmi160"): "gyros.body.device is useless without source = 'iio'",
     '[gyros.body]\naxis = "up"': "gyros.body.axis = 'up': allowed are '-x', '-y', '-z', 'x', "
@@ -177,5 +186,6 @@ def test_what_is_printed_with_all_defaults_reads_as_the_same() -> None:
 
 def test_a_gyro_on_a_bus_is_printed_and_read_again() -> None:
     config = parse(gyro("z = { address = 68 }", source="bus", bus="main", id=200))
-    assert config.gyros["body"].registers["z"].end == 72
+    register = config.gyros["body"].registers["z"]
+    assert (register.end, register.factor) == (72, 1.0)
     assert parse(dump(config)) == config
