@@ -12,7 +12,7 @@ from msgspec import Meta
 
 from wackel_node.config_drive import DriveConfig, GyroConfig, drive_problem, gyro_problem
 from wackel_node.config_errors import first_problem
-from wackel_node.config_types import Name, Positive, Section, ServoId, Share
+from wackel_node.config_types import MaybePath, Name, PortPath, Positive, Section, ServoId, Share
 from wackel_node.errors import USAGE, Explained
 from wackel_node.toml_text import toml_text
 from wackel_protocols.dynamixel2.control_table import (
@@ -72,7 +72,7 @@ class BusConfig(Section, kw_only=True, frozen=True):
         fast_sync_read: Use Fast Sync Read where the firmware knows it.
     """
 
-    port: str
+    port: PortPath
     baud_rate: BaudRate = 1_000_000
     protocol: Literal["dynamixel2"] = "dynamixel2"
     mode: Literal["poll", "proxy", "tap"] = "poll"
@@ -81,7 +81,7 @@ class BusConfig(Section, kw_only=True, frozen=True):
     power: Literal["adapter", "far", "both"] = "adapter"
     return_delay_us: Annotated[int, Meta(ge=0, le=508)] | None = None
     nominal_voltage: Positive | None = None
-    proxy_port: str = ""
+    proxy_port: MaybePath = ""
     fast_sync_read: bool = True
 
     def ids(self) -> tuple[int, ...]:
@@ -142,7 +142,7 @@ class RecorderConfig(Section, kw_only=True, frozen=True):
         max_bytes, max_s: A new file after so much.
     """
 
-    directory: str = ""
+    directory: MaybePath = ""
     max_bytes: Annotated[int, Meta(gt=0)] = 1_000_000_000
     max_s: Positive = 3600.0
 
@@ -167,7 +167,7 @@ class RobotConfig(Section, kw_only=True, frozen=True):
     zenoh: ZenohConfig = ZenohConfig()
     classifier: ClassifierConfig = ClassifierConfig()
     recorder: RecorderConfig = RecorderConfig()
-    state_directory: str = ""
+    state_directory: MaybePath = ""
 
 
 def drive_of(config: RobotConfig, purpose: str) -> DriveConfig:

@@ -12,6 +12,13 @@ Name = Annotated[
         extra={"words": "a name of a-z, 0-9, - and _ that starts with a letter or digit"},
     ),
 ]
+PortPath = Annotated[
+    str,
+    Meta(pattern=r"^[^\0]+\Z", extra={"words": "the path of a serial port such as '/dev/ttyUSB0'"}),
+]
+MaybePath = Annotated[
+    str, Meta(pattern=r"^[^\0]*\Z", extra={"words": "a path, or '' for none; no path has a NUL"})
+]
 ServoId = Annotated[int, Meta(ge=0, le=252)]
 Positive = Annotated[float, Meta(gt=0)]
 Share = Annotated[float, Meta(ge=0, le=1)]

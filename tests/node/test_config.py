@@ -32,7 +32,18 @@ MISTAKES = {
     "zorro = 1": "zorro: unknown key; known are robot, buses, drive, gyros, zenoh, classifier, "
     "recorder, state_directory",
     "buses = 3": "buses = 3: allowed is a table",
-    "[buses.main]": "buses.main.port is missing: allowed is a text in quotes",
+    "[buses.main]": "buses.main.port is missing: allowed is the path of a serial port such as "
+    "'/dev/ttyUSB0'",
+    '[buses.main]\nport = ""': "buses.main.port = '': allowed is the path of a serial port such as "
+    "'/dev/ttyUSB0'",
+    '[buses.main]\nport = "a\\u0000"': r"buses.main.port = 'a\x00': allowed is the path of a "
+    "serial port such as '/dev/ttyUSB0'",
+    BUS + 'proxy_port = "\\u0000"': r"buses.main.proxy_port = '\x00': allowed is a path, or '' for "
+    "none; no path has a NUL",
+    'state_directory = "\\u0000"': r"state_directory = '\x00': allowed is a path, or '' for none; "
+    "no path has a NUL",
+    'recorder.directory = "\\u0000"': r"recorder.directory = '\x00': allowed is a path, or '' for "
+    "none; no path has a NUL",
     BUS + "baudrate = 3": "buses.main.baudrate: unknown key; did you mean baud_rate?",
     BUS + 'baud_rate = "fast"': "buses.main.baud_rate = 'fast': allowed are 9600, 57600, 115200, "
     "1000000, 2000000, 3000000, 4000000, 4500000, 6000000, 10500000",
@@ -111,6 +122,7 @@ def test_an_empty_file_has_every_default() -> None:
 
 # Beyond the basic plane JSON's escapes are not TOML's, which is a matter of this test alone.
 plain = st.text(st.characters(exclude_categories=["Cs"], max_codepoint=0xFFFF), max_size=8)
+paths = plain.filter(lambda path: "\0" not in path)
 configs = st.builds(
     RobotConfig,
     robot=st.from_regex(r"\A[a-z0-9][a-z0-9_-]*\Z"),
@@ -118,7 +130,7 @@ configs = st.builds(
         st.from_regex(r"\A[a-z0-9][a-z0-9_-]*\Z"),
         st.builds(
             BusConfig,
-            port=plain,
+            port=paths.filter(bool),
             servos=st.lists(
                 st.builds(ServoConfig, id=st.integers(0, 252), role=plain),
                 max_size=4,
@@ -130,7 +142,7 @@ configs = st.builds(
         ),
         max_size=3,
     ).filter(lambda buses: len({bus.port for bus in buses.values()}) == len(buses)),
-    state_directory=plain,
+    state_directory=paths,
 )
 
 
