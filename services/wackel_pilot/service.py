@@ -10,10 +10,11 @@ from wackel_node.errors import AlreadyRunning
 from wackel_node.link import Link
 from wackel_node.node import Node
 from wackel_pilot.control import Control
+from wackel_pilot.hearing import LOOK_S, Hearing
 from wackel_pilot.path import Path
 from wackel_pilot.wheel_mode import commanded_buses, prepared
 from wackel_schemas import keys
-from wackel_schemas.bus import BusCommand, BusReply, BusRequest, ServoGoal
+from wackel_schemas.bus import BusCommand, BusReply, BusRequest, BusState, ServoGoal
 from wackel_schemas.drive import TwistCommand
 from wackel_schemas.keys import BUS_REQUEST
 
@@ -37,7 +38,8 @@ def run(config: RobotConfig, drive: DriveConfig, path: Path, duration_s: float |
 
     Raises:
         ConfigError: A bus that moves wheels takes no commands.
-        NotReached: No gateway answers, or a servo that drives does not.
+        NotReached: No gateway answers, or a servo that drives does not; or the robot has fallen
+            silent. It must not drive on by itself when it is back.
         AlreadyRunning: Another pilot drives it.
     """
     buses = commanded_buses(config, drive)
@@ -49,6 +51,8 @@ def run(config: RobotConfig, drive: DriveConfig, path: Path, duration_s: float |
         control = Control(drive, prepared(config, layout, partial(_ask, node)))
         twists = node.publisher(keys.TWIST_COMMAND)
         commands = {bus: node.publisher(keys.COMMAND, bus=bus) for bus in buses}
+        hearing = Hearing({bus: config.buses[bus].rate for bus in buses})
+        silent: list[str] = []
         start_s = time.monotonic()
         torque_s = start_s
 
@@ -79,7 +83,18 @@ def run(config: RobotConfig, drive: DriveConfig, path: Path, duration_s: float |
                         goal.torque_enabled = True
                 commands[bus].put(BusCommand(stamp=stamp, goals=each))
 
+        def look() -> None:
+            silent[:] = hearing.look()
+            if silent:
+                node.stop()
+
+        def hear(key: str, _: BusState) -> None:
+            hearing.heard(keys.chunk_of(keys.STATE, key, "bus"))
+
+        for bus in buses:
+            node.subscribe(keys.STATE, hear, bus=bus)
         node.await_links()
+        node.every(LOOK_S, look)
         node.every(1.0 / RATE_HZ, command)
         node.ready()
         try:
@@ -89,6 +104,11 @@ def run(config: RobotConfig, drive: DriveConfig, path: Path, duration_s: float |
             for _ in range(round(STOPPING_S * RATE_HZ)):
                 send(*control.step((0.0, 0.0, 0.0)), torque=False)
                 time.sleep(1.0 / RATE_HZ)
+    if silent:
+        raise NotReached(
+            f"nothing has come from bus {', '.join(silent)} for a while, so the pilot ends: see "
+            "`wackel health`, or start the robot with `wackel up`"
+        )
 
 
 def _ask(node: Node, servo: Servo, request: BusRequest) -> BusReply:
