@@ -9,6 +9,7 @@ from wackel_node.config_drive import DriveConfig
 from wackel_node.errors import AlreadyRunning
 from wackel_node.link import Link
 from wackel_node.node import Node
+from wackel_node.session import NotReached
 from wackel_pilot.control import Control
 from wackel_pilot.hearing import LOOK_S, Hearing
 from wackel_pilot.path import Path
