@@ -1,6 +1,7 @@
 """A virtual bus on a real pseudo-terminal, and a real gateway process beside it."""
 
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -76,10 +77,13 @@ def wire(bus_config: BusConfig) -> Iterator[int]:
 def stuff(port: Path) -> int:
     """Writes to a port until it takes no more; returns how many bytes it took."""
     fd = os.open(port, os.O_WRONLY | os.O_NOCTTY | os.O_NONBLOCK)
+    room = select.poll()
+    room.register(fd, select.POLLOUT)
     taken = 0
     try:
-        with suppress(BlockingIOError):
-            while True:
+        # The kernel moves what it took to the reader's side, which makes room again.
+        while room.poll(300):
+            with suppress(BlockingIOError):
                 taken += os.write(fd, bytes(64))
     finally:
         os.close(fd)

@@ -8,12 +8,13 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from tests.conftest import Rendezvous
+from tests.conftest import Rendezvous, wait_until
 from tests.odometry.simulation import steered_drive
 from tests.robot import Robot, chain, process, running, write
 from wackel_node.config import RobotConfig, ServoConfig
 from wackel_node.config_drive import GyroConfig
 from wackel_node.errors import FAILED, NOT_REACHED, USAGE
+from wackel_node.link import Link
 from wackel_node.node import Node
 from wackel_node.session import NotReached
 from wackel_pilot import service
@@ -127,13 +128,15 @@ def test_without_a_gateway_it_says_what_to_start(tmp_path: Path) -> None:
 def test_where_another_robot_runs_it_says_so(
     rendezvous: Rendezvous, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(service, "REQUEST_S", 0.1)
+    monkeypatch.setattr(service, "REQUEST_S", 2.0)  # who else is there is known soon
     config = msgspec.structs.replace(wheeled(tmp_path), zenoh=rendezvous.config.zenoh)
     assert config.drive is not None
     other = msgspec.structs.replace(rendezvous.config, robot="otherbot")
     told = "no gateway of bus main of robot testbot answers: here runs otherbot"
-    with Node("gateway", "main", other), pytest.raises(NotReached, match=told):
-        service.run(config, config.drive, circle(0.3, 1.0, 0.3), None)
+    with Node("gateway", "main", other), Link(config) as link:
+        wait_until(lambda: link.robots() == {"otherbot"})
+        with pytest.raises(NotReached, match=told):
+            service.run(config, config.drive, circle(0.3, 1.0, 0.3), None)
 
 
 def test_without_wheels_it_says_so(tmp_path: Path) -> None:
