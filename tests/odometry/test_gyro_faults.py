@@ -164,26 +164,24 @@ def test_a_gyro_at_another_rate_is_told_with_both_rates() -> None:
     assert report.message == "The gyro body sends 100 samples a second instead of 400."
 
 
-def test_a_gyro_far_too_slow_is_told_by_its_rate() -> None:
+@pytest.mark.parametrize(
+    ("configured", "well_s", "needed"),
+    [(100.0, 2.0, 100), (100.0, 0.0, 100), (3.0, 0.0, 33)],
+    ids=["later", "from the start", "as configured"],
+)
+def test_a_gyro_far_too_slow_is_told_by_its_rate(
+    configured: float, well_s: float, needed: int
+) -> None:
     """Its samples are too far apart to cover a step."""
-    ride = quiet_ride()
-    ride.drive(2.0, 0.0, 0.0, 0.0)
+    ride = quiet_ride(GyroConfig(rate=configured))
+    ride.drive(well_s, 0.0, 0.0, 0.0)
     for number, moment in enumerate(ride.moments(20.0, 0.2, 0.0, 0.5)):
         ride.take(ride.odometer.bus_state(BUS, moment.state))
         if number % 33 == 0:
             ride.take(ride.odometer.imu(GYRO, moment.sample))
     (report,) = ride.reports
-    assert report.message == "The gyro body sends 3 samples a second instead of 100."
-
-
-def test_a_gyro_that_is_configured_far_too_slow_is_told_what_is_needed() -> None:
-    ride = quiet_ride(GyroConfig(rate=3.0))
-    for number, moment in enumerate(ride.moments(20.0, 0.2, 0.0, 0.5)):
-        ride.take(ride.odometer.bus_state(BUS, moment.state))
-        if number % 33 == 0:
-            ride.take(ride.odometer.imu(GYRO, moment.sample))
-    (report,) = ride.reports
-    assert report.message == "The gyro body sends 3 samples a second instead of 33."
+    told = f"The gyro body sends 3 samples a second instead of {needed}."
+    assert report.message == told
 
 
 @pytest.mark.parametrize(
