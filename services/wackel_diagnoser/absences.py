@@ -14,6 +14,9 @@ from wackel_drive.layout import Layout
 from wackel_kinematics.array import Ints
 from wackel_schemas import component
 
+MISSED_NS = 60_000_000
+"""Who was silent for less has missed no more than drives lag anyway. One state that is lost or
+refused is less, down to 20 cycles per second."""
 BACK_NS = 1_500_000_000
 """A second until whoever drives the robot sees that a servo has to be switched on, and what a
 steering takes for half a turn then."""
@@ -37,9 +40,11 @@ class Absences:
         self._paths = [*map(component.wheel_drive, names), *map(component.wheel_steering, names)]
         self._rolls = [i for i, joint in enumerate(layout.rolling) if joint is not None]
         self._steers = [i for i, joint in enumerate(layout.steering) if joint is not None]
+        # Servos by number of their wheel; steerings, n more.
+        self._since: dict[int, int] = {}
+        """Stamp since which one has been silent."""
         self._until: dict[int, int] = {}
-        """Stamp up to which a servo counts as absent, by number of its wheel; of steerings, n more.
-        Kept until its torque is known again, too."""
+        """Stamp up to which one counts as absent. Kept until its torque is known again, too."""
 
     def all_back(self, now: int) -> None:
         """Nobody was heard until now."""
@@ -48,13 +53,13 @@ class Absences:
 
     def step(self, step: Step) -> Step:
         """Takes in a step; returns it without what servos say that have just come back."""
-        until = step.end + BACK_NS
-        for i in self._rolls:
-            if math.isnan(step.wheel_rate[i]):
-                self._until[i] = until
-        for i in self._steers:
-            if math.isnan(step.heading[i]):
-                self._until[self._n + i] = until
+        rates, headings = step.wheel_rate, step.heading
+        silent = [i for i in self._rolls if math.isnan(rates[i])]
+        silent += [self._n + i for i in self._steers if math.isnan(headings[i])]
+        self._since = {servo: self._since.get(servo, step.begin) for servo in silent}
+        for servo, since in self._since.items():
+            if step.end - since >= MISSED_NS:
+                self._until[servo] = step.end + BACK_NS
         return self._without(step) if self._until else step
 
     def lasting(self, wheels: Ints, off: list[bool]) -> list[bool]:

@@ -31,6 +31,8 @@ LIKELY = 0.02
 """Probability from which on another explanation is told."""
 LEAST_CONFIDENCE = 0.5
 """Of a verdict that stands: one that is less probable is about to heal."""
+UNSURE = 0.6
+"""At most, of one beside which something is wrong that no reading shows."""
 
 
 class Findings:
@@ -201,8 +203,6 @@ class Findings:
         if code in AS_OF_A_ZERO:
             zeros = self._references.suspects
             unseen += [component.wheel_steering(self._names[wheel]) for wheel in zeros]
-        if unseen:
-            here, suspects = LEAST_CONFIDENCE, unseen + suspects
         return Finding(
             code,
             path,
@@ -210,8 +210,8 @@ class Findings:
             verdicts.since,
             values,
             words or {},
-            min(max(here, LEAST_CONFIDENCE), 0.99),
-            tuple(dict.fromkeys(suspects)),
+            min(max(here, LEAST_CONFIDENCE), UNSURE if unseen else 0.99),
+            tuple(dict.fromkeys(unseen + suspects)),
         )
 
 

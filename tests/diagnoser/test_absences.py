@@ -6,7 +6,7 @@ import pytest
 
 from tests.diagnoser.rig import SHORT_WARM_UP_S, Rig
 from tests.odometry.simulation import steered_drive
-from wackel_diagnoser.absences import BACK_NS, READ_NS, Absences
+from wackel_diagnoser.absences import BACK_NS, MISSED_NS, READ_NS, Absences
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
 from wackel_schemas import component
@@ -28,11 +28,21 @@ def test_who_is_always_heard_is_left_alone() -> None:
     assert absences.step(first) is first
 
 
+def test_who_was_silent_for_a_moment_is_believed_at_once() -> None:
+    absences = Absences(Layout(steered_drive(3)))
+    for number in range(MISSED_NS // STEP_NS - 1):
+        absences.step(step(number, 1))
+    back = step(MISSED_NS // STEP_NS - 1)
+    assert absences.step(back) is back
+
+
 def test_who_comes_back_counts_as_absent_for_a_while() -> None:
     layout = Layout(steered_drive(3))
     absences = Absences(layout)
-    absences.step(step(0, 1))
-    last = BACK_NS // STEP_NS
+    silent = MISSED_NS // STEP_NS
+    for number in range(silent):
+        absences.step(step(number, 1))
+    last = silent - 1 + BACK_NS // STEP_NS
     seen = absences.step(step(last - 1))
     assert [math.isnan(each) for each in seen.heading] == [False, True, False]
     assert [math.isnan(each) for each in seen.steered] == [False, True, False]
@@ -43,13 +53,15 @@ def test_who_comes_back_counts_as_absent_for_a_while() -> None:
     # And what is known of its torque may be older.
     wheels = layout.drive.roll_wheels
     assert absences.lasting(wheels, [True, True, False]) == [True, False, False]
-    absences.step(step((BACK_NS + READ_NS) // STEP_NS))
+    absences.step(step(last + READ_NS // STEP_NS))
     assert absences.lasting(wheels, [True, True, False]) == [True, True, False]
 
 
 def test_a_clock_that_was_set_back_does_not_make_it_longer() -> None:
     absences = Absences(Layout(steered_drive(3)))
-    absences.step(step(10**6, 0))
+    for number in range(10**6, 10**6 + MISSED_NS // STEP_NS):
+        absences.step(step(number, 0))
+    assert absences.absent
     assert absences.step(step(0)).wheel_rate == [1.0, 1.0, 1.0]
 
 
