@@ -160,8 +160,9 @@ def test_values_that_freeze_while_the_servos_are_moved_are_named_and_healed(
     robot.link.subscribe(
         keys.STATE, lambda _, state: moved.extend(s.position for s in state.servos if s.position)
     )
-    # Most of a swing: who has followed only a few goals may have no torque.
-    wait_until(lambda: bool(moved) and max(moved) - min(moved) > 1.5, LIMIT_S, swing)
+    for _ in range(40):  # who has followed only a few goals may have no torque
+        swing()
+    wait_until(lambda: bool(moved) and max(moved) - min(moved) > 0.5, LIMIT_S, swing)
     IN_MOTION.inject(directory / "robot.toml", "main")
     wait_until(lambda: IN_MOTION.is_confirmed(robot, "main"), LIMIT_S, swing)
     IN_MOTION.heal(directory / "robot.toml", "main")
