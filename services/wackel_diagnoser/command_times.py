@@ -12,9 +12,10 @@ MISSING = 1.5
 """Times as long as usual after the last, before a command, another is missing."""
 USUAL = 0.05
 """Share by which each interval changes what is usual: some twenty of them."""
-DOUBTFUL_NS, LONGEST_NS = 200_000_000, 2_000_000_000
+DOUBTFUL_NS, LONGEST_NS = 200_000_000, 5_000_000_000
 """For how long it is not known which way round wheels turn: until none turns faster than this, but
-not for ever."""
+not for ever. A path past several wheels' contacts has one or another turn as fast as it can for
+more than two seconds."""
 TURNING_RAD_S = 2.0
 
 

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from wackel_diagnoser.pace import Pace
 from wackel_kinematics.array import Floats
 
 LAGS_S = np.array([0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.05, 0.065, 0.08, 0.1, 0.12, 0.16, 0.2])
@@ -27,6 +28,9 @@ will do alike."""
 SLOWED = 0.35
 """The same of what was missed while wheels slowed each other, for a longer lag of rolling: that is
 no lag of theirs."""
+UNEVEN_M_S = 0.01
+"""By how much a speed may be wrong because its step took another time than its stamps say, until
+that halves what it teaches: it would hide what lags miss, which is hardly more."""
 MOST_WAITING = 32
 """Steps: twice as many as from one that can teach to the next."""
 
@@ -56,6 +60,7 @@ class DriveLags:
         self._misses = np.zeros((2, len(LAGS_S)))
         self._slowed = np.zeros(len(LAGS_S))
         self._since_choice = 0.0
+        self._pace, self._uneven = Pace(), 0.0  # of the last step, as a share
 
     def begin(self, state: list[float]) -> None:
         """All drives are here, rad and m/s, shape (wheels + rolls,)."""
@@ -73,6 +78,7 @@ class DriveLags:
         if len(self._waiting) >= MOST_WAITING:
             self._move()
         self._waiting.append((goal, seconds, most))
+        self._uneven = self._pace.off_s(seconds) / seconds
 
     def learn(
         self, shown: list[float], learnt_s: float, tells: tuple[bool, bool], *, slowed: bool
@@ -86,8 +92,11 @@ class DriveLags:
                 arrived is how its encoder rounds.
             slowed: Whether wheels slow each other.
         """
-        off = np.array(shown)[:, None] - self._move()
+        values = np.array(shown)[:, None]
+        off = values - self._move()
         squares = np.minimum(off * off, 0.01)
+        _, rolls = self._parts
+        squares[rolls] /= 1.0 + (self._uneven / UNEVEN_M_S * values[rolls]) ** 2
         fade = 1.0 - learnt_s / MEMORY_S
         added = self._kinds @ squares
         known = math.isfinite(float(added.sum()))

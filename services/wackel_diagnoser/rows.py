@@ -17,6 +17,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
+from wackel_diagnoser.pace import Pace
 from wackel_diagnoser.reference import Target
 from wackel_diagnoser.transients import Untold
 from wackel_diagnoser.tyres import Tyres
@@ -57,8 +58,6 @@ ASKED_FADES = 0.8
 """How much faster a yaw rate changes than that of the references, and what is left of their change
 a step later: tyres and drives follow within 50 ms, and not evenly. What nobody asked for is no
 turn, but the gyro's."""
-EVENS = 0.02
-"""Share of a step in the mean of its length."""
 SHAKES_FADE = 0.9
 """What is left, a step later, of the share by which all wheels seemed faster, or all slower, than
 just before: whatever delays one answer delays others."""
@@ -230,7 +229,7 @@ class Rows:
         step = config.encoder_step / math.sqrt(6)  # of a difference, or a mean of two
         self._untold_drives = Untold([step] * drive.n, (drive.roll_radius * step / STEP_S).tolist())
         self._gyro_before = self._turned = self._no_gyros
-        self._usual_s = 0.0  # length of a step
+        self._pace = Pace()
         self._missed, self._shakes = self._no_rolls, 0.0  # of the last step
         # The references' yaw rate, and by how much that has changed of late, rad/s.
         self._told_yaw, self._asked = math.nan, 0.0
@@ -454,8 +453,7 @@ class Rows:
             speeds: Of the references, m/s.
             dt: Of the step, s.
         """
-        off = max(min(dt - self._usual_s, UNCERTAIN_S), -UNCERTAIN_S) if self._usual_s else 0.0
-        self._usual_s = self._usual_s + EVENS * off if self._usual_s else dt
+        off = self._pace.off_s(dt)
         before, self._missed = self._missed, missed
         faster = [
             (now - then) / speed

@@ -1,6 +1,7 @@
 """Lags of drives, from what they are told and what they show."""
 
 import math
+from random import Random
 
 import pytest
 
@@ -30,6 +31,25 @@ def test_the_lag_of_a_steering_that_turns_no_faster_than_it_can_is_learnt(
             lags.choose([at, 0.0])
     steering_s, _ = lags.used_s
     assert steering_s == pytest.approx(lag_s, rel=0.1)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_steps_that_took_another_time_than_stamps_say_do_not_hide_the_lag(seed: int) -> None:
+    lags, random, lag_s = DriveLags(1, 1), Random(seed), 0.1
+    now, late_s = 0.8, 0.0
+    lags.begin([0.0, now])
+    for step in range(200):  # it brakes, and one in four stamps is up to 2 ms late
+        begin, goal = now, 0.8 - 0.005 * step
+        now = goal + (begin - goal) * math.exp(-STEP_S / lag_s)
+        middle = goal - lag_s / STEP_S * (now - begin)
+        before_s, late_s = late_s, random.choice((0.0, 0.0, 0.0, random.uniform(0.0, 0.002)))
+        seconds = STEP_S + late_s - before_s
+        lags.follow([0.0, goal], seconds, MOST_RAD)
+        if step % 8 == 0:
+            lags.learn([0.0, middle * STEP_S / seconds], 8 * STEP_S, (False, True), slowed=False)
+            lags.choose([0.0, now])
+    _, rolling_s = lags.used_s
+    assert rolling_s == pytest.approx(lag_s, rel=0.05)
 
 
 def test_what_is_not_known_teaches_nothing() -> None:
