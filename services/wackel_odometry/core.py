@@ -267,8 +267,15 @@ class Odometer:
             z, h, variance = z[usable], h[usable], variance[usable]
         measured = estimator.expect(z, h)
         before = 1.0 + (self._pulled - 1.0) * math.exp(-seconds / SETTLING_S)
+        # Wheels that a faulty one drags slip together, and gyros do not.
+        gyros = int(usable[self._rows.wheels :].sum()) if self._slipping else 0
         verdict = gate(
-            measured.innovation, measured.spread, variance, before=before, most=rows.most_pulled
+            measured.innovation,
+            measured.spread,
+            variance,
+            before=before,
+            most=rows.most_pulled,
+            trusted=gyros,
         )
         self._pulled = verdict.pulled
         lasting = self._rows.widened(rows, verdict.pulled, seconds)

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 
+from tests.diagnoser.rig import Rig
 from tests.odometry.runs import (
     HUSKY,
     OPTIODOM,
@@ -19,8 +20,11 @@ from tests.odometry.runs import (
     optiodom_run,
     ride,
 )
-from tests.odometry.simulation import calibration_errors, steered_drive
+from tests.odometry.simulation import BUS, GYRO, calibration_errors, steered_drive
+from wackel_node.config_drive import GyroConfig
+from wackel_odometry.core import Odometer
 from wackel_schemas import component
+from wackel_schemas.drive import Odometry
 
 RUNS = 3
 
@@ -63,6 +67,24 @@ def test_with_a_stuck_wheel_sensor_excluded_drift_is_half_a_percent_at_most() ->
         end = ride(steered_drive(4), errors, rng, excluded=excluded, stuck=1)
         drifts.append(end.drift)
     assert np.median(drifts) <= 0.005
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_while_a_blocked_wheel_drags_all_others_the_gyro_tells_the_yaw_rate(seed: int) -> None:
+    rig = Rig.of(f"dragged/{seed}", 3, shown=False, course_s=60.0)
+    odometer, off, valid = Odometer(rig.config, {GYRO: GyroConfig()}), [], []
+    for number in range(2500):
+        if number == 2000:
+            rig.inject("wheel_blocked", "w0")
+        cycle = rig.cycle()
+        if rig.exclusions is not None:
+            odometer.exclusions(rig.exclusions)
+        for message in (*odometer.bus_state(BUS, cycle.state), *odometer.imu(GYRO, cycle.imu)):
+            if isinstance(message, Odometry) and number > 2030:
+                off.append(message.omega - cycle.twist[2])
+                valid.append(message.valid)
+    assert math.sqrt(np.mean(np.square(off))) < 0.05
+    assert np.mean(valid) > 0.9
 
 
 @pytest.mark.skipif(not HUSKY.exists(), reason=f"no recorded robot at {HUSKY}")
