@@ -6,6 +6,7 @@ Time is the stamps of the messages, so a recording gives the same as the robot.
 import math
 from collections import Counter
 from collections.abc import Collection, Mapping
+from functools import partial
 from itertools import compress
 from operator import gt
 
@@ -17,8 +18,9 @@ from wackel_drive.layout import Layout
 from wackel_kinematics.array import Bools, Floats
 from wackel_node.config_drive import DriveConfig, GyroConfig
 from wackel_odometry.complaints import InputWatch
+from wackel_odometry.dispute import Dispute
 from wackel_odometry.filter import FIRST_BIAS, OMEGA, POSE, TWIST, PlanarFilter
-from wackel_odometry.gate import GATE, Verdict, gate
+from wackel_odometry.gate import GATE, TOLD, Verdict, gate
 from wackel_odometry.gyro_watch import GyroWatch
 from wackel_odometry.reports import Complaint, Reports
 from wackel_odometry.rows import Measurements, Rows, blocked
@@ -103,6 +105,7 @@ class Odometer:
         self._excluded: list[Exclusion] = []
         self._block(())
         self._slipping = False
+        self._dispute, self._length_m = Dispute(), layout.drive.length_m
         self._pulled = 1.0  # factor by which wheels that pull each other are less exact than others
         self._rejections = [0] * len(self._rows.names)
         self._contradicted = [0.0] * len(settings)  # s of each gyro against wheels at rest
@@ -267,20 +270,28 @@ class Odometer:
             z, h, variance = z[usable], h[usable], variance[usable]
         measured = estimator.expect(z, h)
         before = 1.0 + (self._pulled - 1.0) * math.exp(-seconds / SETTLING_S)
-        # Wheels that a faulty one drags slip together, and gyros do not.
-        gyros = int(usable[self._rows.wheels :].sum()) if self._slipping else 0
-        verdict = gate(
-            measured.innovation,
-            measured.spread,
-            variance,
-            before=before,
-            most=rows.most_pulled,
-            trusted=gyros,
+        judge = partial(
+            gate, measured.innovation, measured.spread, before=before, most=rows.most_pulled
         )
+        verdict, first = judge(variance), len(variance) - int(usable[self._rows.wheels :].sum())
+        believed, off = verdict.accepted[first:], measured.innovation[first:].tolist()
+        skid = 0.0
+        if self._dispute.skids(believed, off, seconds, dragged=self._slipping):
+            # All slip together: with it they say no more than as many rows as there are unknowns.
+            slip = min(map(abs, verdict.innovation[first:])) * self._length_m
+            skid = slip * slip * max(first / TOLD, 1.0)
+            after = judge(np.concatenate((variance[:first] + skid, variance[first:])))
+            # What gyros contradict is told as it was before.
+            verdict = after._replace(
+                innovation=after.innovation[:first] + verdict.innovation[first:],
+                sigma=after.sigma[:first] + verdict.sigma[first:],
+            )
         self._pulled = verdict.pulled
         lasting = self._rows.widened(rows, verdict.pulled, seconds)
         if not whole:
             lasting = lasting[usable]
+        if skid:
+            lasting = np.concatenate((lasting[:first] + skid, lasting[first:]))
         if not all(verdict.accepted):
             kept = np.array(verdict.accepted)
             measured, lasting = measured.only(kept), lasting[kept]

@@ -48,7 +48,6 @@ def gate(
     *,
     before: float = 1.0,
     most: float = 1.0,
-    trusted: int = 0,
 ) -> Verdict:
     """Judges measurements that were made at the same time.
 
@@ -68,7 +67,6 @@ def gate(
         variance: Of the measurements, diagonal of R, shape (m,).
         before: By how much larger variances have been of late, as a factor.
         most: And at most may be.
-        trusted: So many of the last are not taken out, but who contradicts them.
     """
     s = spread.copy()
     s.reshape(-1)[:: len(s) + 1] += variance
@@ -81,9 +79,8 @@ def gate(
             left = 1.0
         pulled = max(min(max(left, before), most), 1.0)
     alone, own, kept = told.alone, told.own, list(range(count))
-    while len(kept) > trusted and max(told.squares) > GATE * pulled:
-        doubted = told.squares[: len(kept) - trusted]
-        del kept[doubted.index(max(doubted))]
+    while told.squares and (farthest := max(told.squares)) > GATE * pulled:
+        del kept[told.squares.index(farthest)]
         told = _left_out(s[np.ix_(kept, kept)], innovation[kept])
         for at, apart, known in zip(kept, told.alone, told.own, strict=True):
             alone[at], own[at] = apart, known

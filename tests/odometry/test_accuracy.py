@@ -70,20 +70,24 @@ def test_with_a_stuck_wheel_sensor_excluded_drift_is_half_a_percent_at_most() ->
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_while_a_blocked_wheel_drags_all_others_the_gyro_tells_the_yaw_rate(seed: int) -> None:
-    rig = Rig.of(f"dragged/{seed}", 3, shown=False, course_s=60.0)
-    odometer, off, valid = Odometer(rig.config, {GYRO: GyroConfig()}), [], []
-    for number in range(2500):
-        if number == 2000:
-            rig.inject("wheel_blocked", "w0")
+@pytest.mark.parametrize("wheels", [3, 4])
+@pytest.mark.parametrize(("fault", "wheel"), [("wheel_blocked", "w0"), ("push", None)])
+def test_while_all_wheels_slip_together_the_gyro_tells_the_heading(
+    fault: str, wheel: str | None, wheels: int, seed: int
+) -> None:
+    rig = Rig.of(f"dragged/{seed}", wheels, shown=False, course_s=60.0)
+    odometer, off, valid = Odometer(rig.config, {GYRO: GyroConfig()}), [0.0], []
+    for number in range(2000):
+        if number == 1500:
+            rig.inject(fault, wheel)
         cycle = rig.cycle()
         if rig.exclusions is not None:
             odometer.exclusions(rig.exclusions)
         for message in (*odometer.bus_state(BUS, cycle.state), *odometer.imu(GYRO, cycle.imu)):
-            if isinstance(message, Odometry) and number > 2030:
-                off.append(message.omega - cycle.twist[2])
+            if isinstance(message, Odometry) and number >= 1500:
+                off.append(message.theta - cycle.pose[2])
                 valid.append(message.valid)
-    assert math.sqrt(np.mean(np.square(off))) < 0.05
+    assert abs(math.remainder(off[-1] - off[1], math.tau)) < math.radians(5.0)
     assert np.mean(valid) > 0.9
 
 

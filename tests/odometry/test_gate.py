@@ -80,13 +80,3 @@ def test_what_pulled_of_late_still_counts() -> None:
     verdict = gate(np.zeros(7), np.full((7, 7), 100.0), np.full(7, 0.01), before=5.0, most=1000.0)
     assert verdict.pulled == 5.0
     assert gate(np.zeros(7), np.full((7, 7), 100.0), np.full(7, 0.01), before=5.0).pulled == 1.0
-
-
-def test_what_is_trusted_is_believed_against_all_others() -> None:
-    innovation = np.array([0.0, 0.01, -0.01, 3.0])
-    same = np.full((4, 4), 100.0)
-    assert gate(innovation, same, VARIANCE).accepted == [True, True, True, False]
-    verdict = gate(innovation, same, VARIANCE, trusted=1)
-    assert verdict.accepted == [False, False, False, True]
-    alone = gate(np.array([9.0]), np.zeros((1, 1)), np.array([0.01]), trusted=1)
-    assert alone.accepted == [True]
