@@ -68,6 +68,11 @@ FARTHEST = 1e6
 MOST_REASON = 200
 """Characters; each step repeats it."""
 
+UNHEARD = 1e6
+"""(rad/s)²: variance of a gyro that says nothing."""
+REGULAR = 1e-6 * np.eye(3)
+"""For wheels that do not determine the twist."""
+
 GATE_SIGMAS = math.sqrt(GATE)
 
 
@@ -177,6 +182,9 @@ class Odometer:
         ]
         self._block([each.component for each in self._excluded])
         self._slipping = any(each.fault == "actuator" for each in self._excluded)
+        if self._dispute.open and not any(self._believed[1]):
+            self._filter.turn_back(self._dispute.turned_rad)
+            self._dispute.settle(0.0)
 
     def _block(self, components: Collection[str]) -> None:
         """Rows of these are not used."""
@@ -252,6 +260,8 @@ class Odometer:
         standing = verdict is not None
         if verdict is None:
             verdict = self._move(rows, usable, step.seconds)
+        else:
+            self._dispute.settle(step.seconds)
         self._watch_gyros(rows, usable, verdict, step, standing)
         if not estimator.sound():
             estimator.restart()
@@ -270,17 +280,18 @@ class Odometer:
             z, h, variance = z[usable], h[usable], variance[usable]
         measured = estimator.expect(z, h)
         before = 1.0 + (self._pulled - 1.0) * math.exp(-seconds / SETTLING_S)
-        judge = partial(
-            gate, measured.innovation, measured.spread, before=before, most=rows.most_pulled
-        )
-        verdict, first = judge(variance), len(variance) - int(usable[self._rows.wheels :].sum())
-        believed, off = verdict.accepted[first:], measured.innovation[first:].tolist()
-        skid = 0.0
-        if self._dispute.skids(believed, off, seconds, dragged=self._slipping):
-            # All slip together: with it they say no more than as many rows as there are unknowns.
-            slip = min(map(abs, verdict.innovation[first:])) * self._length_m
-            skid = slip * slip * max(first / TOLD, 1.0)
-            after = judge(np.concatenate((variance[:first] + skid, variance[first:])))
+        judge = partial(gate, before=before, most=rows.most_pulled)
+        verdict = judge(measured.innovation, measured.spread, variance)
+        first = len(variance) - int(usable[self._rows.wheels :].sum())
+        heard, extra = verdict.accepted[first:], None
+        if self._dispute.open or (heard and not any(heard)):
+            off = measured.innovation
+            extra = self._disputed(z, h, variance, off, first=first, seconds=seconds)
+        else:
+            self._dispute.settle(seconds)
+        if extra is not None:
+            measured = estimator.expect(z, h)
+            after = judge(measured.innovation, measured.spread, variance + extra)
             # What gyros contradict is told as it was before.
             verdict = after._replace(
                 innovation=after.innovation[:first] + verdict.innovation[first:],
@@ -290,14 +301,52 @@ class Odometer:
         lasting = self._rows.widened(rows, verdict.pulled, seconds)
         if not whole:
             lasting = lasting[usable]
-        if skid:
-            lasting = np.concatenate((lasting[:first] + skid, lasting[first:]))
+        if extra is not None:
+            lasting = lasting + extra
         if not all(verdict.accepted):
             kept = np.array(verdict.accepted)
             measured, lasting = measured.only(kept), lasting[kept]
         if len(lasting):
             estimator.correct(measured, lasting, learn_bias=False)
         return verdict
+
+    def _disputed(
+        self, z: Floats, h: Floats, variance: Floats, off: Floats, *, first: int, seconds: float
+    ) -> Floats | None:
+        """By what variances of those who are wrong are larger where gyros contradict all wheels.
+
+        Args:
+            z, h, variance: Of measurements.
+            off: How far they are from what was predicted.
+            first: Number of the first gyro among them.
+            seconds: Of the step.
+        """
+        # What the wheels say by themselves: what is predicted has followed who was believed.
+        rows = h[:first, TWIST]
+        weighed = rows.T / variance[:first]
+        covariance = np.linalg.inv(weighed @ rows + REGULAR)
+        omega = covariance[2] @ weighed @ z[:first]
+        biases = h[first:, FIRST_BIAS:] @ self._filter.x[FIRST_BIAS:]
+        against = z[first:] - biases - omega
+        if not len(against):
+            return None  # there is no sample for a moment
+        if (against**2 <= GATE * (covariance[2, 2] + variance[first:])).any():
+            self._dispute.settle(seconds)
+            return None
+        wrong = self._dispute.step(
+            against.tolist(), off[first:].tolist(), seconds, dragged=self._slipping
+        )
+        if not wrong:
+            return None
+        extra = np.zeros(len(z))
+        if wrong == "wheels":
+            # All slip together: with it they say no more than as many rows as there are unknowns.
+            slip = float(np.abs(against).min()) * self._length_m
+            extra[:first] = slip * slip * max(first / TOLD, 1.0)
+        else:
+            extra[first:] = UNHEARD
+            self._filter.turn_back(self._dispute.turned_rad)
+        return extra
 
     def _rest(self, rows: Measurements, usable: Bools, seconds: float) -> Verdict | None:
         """Takes the robot to stand still; ``None`` if a gyro contradicts."""
@@ -421,6 +470,7 @@ class Odometer:
     def _place(self, pose: Floats, position_sigma: float, heading_sigma: float) -> None:
         """Sets the pose, in the latest odometry, too; with that it is no longer lost."""
         self._filter.set_pose(pose, position_sigma, heading_sigma)
+        self._dispute.settle(0.0)
         lost, self._lost = self._lost, ""
         if (latest := self._latest) is None:
             return

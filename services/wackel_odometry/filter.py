@@ -93,6 +93,11 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         """The robot has stood, and may do so no more; nothing changes at once as much as then."""
         self.P[TWIST, TWIST] += np.diag(AGILITY * START_S)
 
+    def turn_back(self, turned_rad: float) -> None:
+        """It has turned by so much less than was thought, and does not turn as was thought."""
+        self.x[2] -= turned_rad
+        self.may_start()
+
     def set_pose(self, pose: Floats, position_sigma: float, heading_sigma: float) -> None:
         """The robot is here, known so well; all that was correlated with the old pose is not."""
         self.x[POSE] = pose

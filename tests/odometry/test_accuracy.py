@@ -20,8 +20,14 @@ from tests.odometry.runs import (
     optiodom_run,
     ride,
 )
-from tests.odometry.simulation import BUS, GYRO, calibration_errors, steered_drive
-from wackel_node.config_drive import GyroConfig
+from tests.odometry.simulation import (
+    BUS,
+    GYRO,
+    calibration_errors,
+    differential_drive,
+    steered_drive,
+)
+from wackel_node.config_drive import DriveConfig, GyroConfig
 from wackel_odometry.core import Odometer
 from wackel_schemas import component
 from wackel_schemas.drive import Odometry
@@ -69,17 +75,19 @@ def test_with_a_stuck_wheel_sensor_excluded_drift_is_half_a_percent_at_most() ->
     assert np.median(drifts) <= 0.005
 
 
-@pytest.mark.parametrize("seed", range(2))
-@pytest.mark.parametrize("wheels", [3, 4])
-@pytest.mark.parametrize(("fault", "wheel"), [("wheel_blocked", "w0"), ("push", None)])
-def test_while_all_wheels_slip_together_the_gyro_tells_the_heading(
-    fault: str, wheel: str | None, wheels: int, seed: int
+@pytest.mark.parametrize("drive", [steered_drive(3), steered_drive(4), differential_drive()])
+@pytest.mark.parametrize(
+    ("fault", "first", "value"),
+    [("wheel_blocked", True, None), ("push", False, None), ("gyro_offset", False, 0.3)],
+)
+def test_neither_wheels_that_slip_together_nor_a_gyro_that_jumps_turns_the_heading(
+    drive: DriveConfig, fault: str, *, first: bool, value: float | None
 ) -> None:
-    rig = Rig.of(f"dragged/{seed}", wheels, shown=False, course_s=60.0)
+    rig = Rig.of("dd/1", drive, shown=False, course_s=60.0)
     odometer, off, valid = Odometer(rig.config, {GYRO: GyroConfig()}), [0.0], []
     for number in range(2000):
         if number == 1500:
-            rig.inject(fault, wheel)
+            rig.inject(fault, drive.wheels[0].name if first else None, value)
         cycle = rig.cycle()
         if rig.exclusions is not None:
             odometer.exclusions(rig.exclusions)
