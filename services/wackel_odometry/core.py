@@ -276,13 +276,14 @@ class Odometer:
         """Takes in what passes the gates."""
         estimator, z, h = self._filter, rows.z, rows.h
         variance, whole = rows.at_once, all(usable.tolist())
+        first = self._rows.wheels
         if not whole:
+            first = int(usable[:first].sum())
             z, h, variance = z[usable], h[usable], variance[usable]
         measured = estimator.expect(z, h)
         before = 1.0 + (self._pulled - 1.0) * math.exp(-seconds / SETTLING_S)
         judge = partial(gate, before=before, most=rows.most_pulled)
         verdict = judge(measured.innovation, measured.spread, variance)
-        first = len(variance) - int(usable[self._rows.wheels :].sum())
         heard, extra = verdict.accepted[first:], None
         if self._dispute.open or (heard and not any(heard)):
             off = measured.innovation
