@@ -38,6 +38,7 @@ GROUPS: dict[str, dict[str, Command]] = {
         "servo": Command("wackel_cli.servo", "ping, read, write or reboot servos"),
         "doctor": Command("wackel_cli.doctor", "check what is most often wrong on a computer"),
         "explain": Command("wackel_diagnoser.explain", "which drive faults can be told apart"),
+        "calibrate": Command("wackel_cli.calibrate", "wheels' measures, from a true path"),
         "config": Command("wackel_cli.config", "check robot.toml and print it with all defaults"),
         "schema": Command("wackel_cli.schema", "JSON Schemas of all messages"),
     },

@@ -3,29 +3,24 @@
 import argparse
 import sys
 import time
-from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import TextIO
 
 import msgspec
-from rich.console import Console
-from rich.progress import Progress
 
 from wackel_cli.comparison import Difference, differences
 from wackel_cli.diagnosis import Diagnosis
 from wackel_cli.lines import printable
+from wackel_cli.progress import with_progress
 from wackel_node.algebra import single_threaded
 from wackel_node.arguments import add_config
 from wackel_node.config import RobotConfig, load, parse
 from wackel_node.errors import FAILED, OK, Explained
 from wackel_node.garbage import collect_rarely
-from wackel_recording.reader import Entry, Recording, open_recordings
+from wackel_recording.reader import Recording, open_recordings
 from wackel_schemas.drive import Odometry
 from wackel_schemas.fault import FaultReport
-
-_PATIENCE_S = 2.0
-_LOOK_EVERY = 1000  # entries between two looks at the clock: well below a tenth of a second
 
 
 class NotComparable(Explained, ValueError):
@@ -124,7 +119,7 @@ def _replay(
     diagnosis = Diagnosis(config)
     collect_rarely()
     started_s = time.monotonic()
-    for message in diagnosis.run(_with_progress(recording.entries(diagnosis.wants), recording)):
+    for message in diagnosis.run(with_progress(recording.entries(diagnosis.wants), recording)):
         if isinstance(message, Odometry):
             if odometry is not None:
                 print(msgspec.json.encode(message).decode(), file=odometry)
@@ -142,25 +137,6 @@ def _line(report: FaultReport, start_ns: int) -> str:
         f"{(report.stamp - start_ns) / 1e9:10.3f} s  {report.status:<6}  {report.code:<18} "
         f"{report.confidence:4.0%}  {report.message}"
     )
-
-
-def _with_progress(entries: Iterable[Entry], recording: Recording) -> Iterator[Entry]:
-    """The same entries; on a terminal, after a while, with a bar."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield from entries
-        return
-    patient_until_s = time.monotonic() + _PATIENCE_S
-    with ExitStack() as stack:
-        progress = Progress(console=console, transient=True, auto_refresh=False)
-        task = progress.add_task("", total=1.0)
-        for number, entry in enumerate(entries, 1):
-            yield entry
-            if number % _LOOK_EVERY or time.monotonic() < patient_until_s:
-                continue
-            if not progress.live.is_started:
-                stack.enter_context(progress)
-            progress.update(task, completed=recording.progress, refresh=True)
 
 
 def _summarise(diagnosis: Diagnosis, recording: Recording, took_s: float) -> None:

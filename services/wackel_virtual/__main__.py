@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 from wackel_node import log
 from wackel_node.algebra import single_threaded
 from wackel_node.arguments import above_zero, add_config, config_of
+from wackel_node.config import drive_of
 from wackel_node.errors import FAILED, OK, USAGE, Explained
 
 if TYPE_CHECKING:
@@ -92,6 +93,12 @@ def _run(argv: list[str]) -> int:
         help="of the drive: without contacts, or MuJoCo (default: that of the scenario, else fast)",
     )
     parser.add_argument(
+        "--truth",
+        metavar="CSV",
+        type=Path,
+        help="write where the robot really is, for `wackel calibrate` (needs [drive])",
+    )
+    parser.add_argument(
         "--no-zenoh", action="store_true", help="do not listen for inject, heal and list"
     )
     parser.add_argument(
@@ -126,7 +133,9 @@ def _run(argv: list[str]) -> int:
         scenario = msgspec.structs.replace(scenario, physics=arguments.physics)
     if taps:
         scenario = tapped(scenario, taps, "--tap")
-    (run_alone if arguments.no_zenoh else run)(scenario)
+    if arguments.truth is not None:
+        drive_of(scenario.config, "have a true path")
+    (run_alone if arguments.no_zenoh else run)(scenario, arguments.truth)
     return OK
 
 

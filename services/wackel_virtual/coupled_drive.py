@@ -142,6 +142,7 @@ class CoupledDrive:
 
     Attributes:
         drivetrain: The drive itself.
+        now_ns: Up to when it has moved.
 
     Raises:
         ImportError: ``mujoco`` is not installed.
@@ -162,7 +163,7 @@ class CoupledDrive:
         self._boards = [board for bus in buses.values() for board in bus.boards.values()]
         fastest = max((gyro.rate for gyro in gyros.values()), default=0.0)
         self._tick_ns = min(TICK_NS, round(1e9 / fastest)) if fastest else TICK_NS
-        self._now_ns = 0
+        self.now_ns = 0
         self._sampled_ns = dict.fromkeys(gyros, 0)
         self._samples: list[Sample] = []
         self._free = self.drivetrain.free
@@ -188,7 +189,7 @@ class CoupledDrive:
 
     def move_ns(self) -> int:
         """When its next step ends."""
-        return self._now_ns + self._tick_ns
+        return self.now_ns + self._tick_ns
 
     def sample_ns(self) -> int | None:
         """When a gyro has a sample; None: not before the next step."""
@@ -196,13 +197,13 @@ class CoupledDrive:
 
     def advance(self, until_ns: int) -> None:
         """Move on to this time; one that has passed changes nothing."""
-        while self._now_ns + self._tick_ns <= until_ns:
-            self._now_ns += self._tick_ns
+        while self.now_ns + self._tick_ns <= until_ns:
+            self.now_ns += self._tick_ns
             self._step()
 
     def catch_up(self, until_ns: int) -> None:
         """As :meth:`advance`, if it has been left behind by more than a step."""
-        if until_ns - self._now_ns >= 2 * self._tick_ns:
+        if until_ns - self.now_ns >= 2 * self._tick_ns:
             self.advance(until_ns)
 
     def samples(self, until_ns: int) -> list[Sample]:
@@ -240,14 +241,14 @@ class CoupledDrive:
         if drivetrain.free is not self._free:
             for shaft, was, off in zip(self._rolling, self._free, drivetrain.free, strict=True):
                 if shaft is not None and was != off:
-                    shaft.switch_motor_off(off, self._now_ns)
+                    shaft.switch_motor_off(off, self.now_ns)
         self._free = drivetrain.free
         for name, gyro in self._gyros.items():
             self._sample(name, gyro)
 
     def _show(self) -> None:
         """Tell the shafts where they are."""
-        drivetrain, now_ns = self.drivetrain, self._now_ns
+        drivetrain, now_ns = self.drivetrain, self.now_ns
         for i, shaft in enumerate(self._rolling):
             if shaft is not None:
                 shaft.show(now_ns, drivetrain.rolled[i], drivetrain.rate[i], drivetrain.current[i])
@@ -264,13 +265,13 @@ class CoupledDrive:
         """Let a gyro measure if its time has come."""
         last_ns = self._sampled_ns[name]
         # Half a step early is nearer than half a step late.
-        if self._now_ns - last_ns + self._tick_ns // 2 < 1e9 / gyro.rate:
+        if self.now_ns - last_ns + self._tick_ns // 2 < 1e9 / gyro.rate:
             return
-        self._sampled_ns[name] = self._now_ns
+        self._sampled_ns[name] = self.now_ns
         rates = self.drivetrain.sample(name)
         for board in self._boards:
             if name in board.rates:
                 board.rates[name] = rates
         if gyro.source == "topic":
-            middle_ns = (last_ns + self._now_ns) // 2
-            self._samples.append(Sample(name, middle_ns, self._now_ns, rates))
+            middle_ns = (last_ns + self.now_ns) // 2
+            self._samples.append(Sample(name, middle_ns, self.now_ns, rates))

@@ -24,6 +24,7 @@ from wackel_node.config import ConfigError
 from wackel_virtual.bus import VirtualBus
 
 if TYPE_CHECKING:  # it needs numpy, which a robot without wheels need not load
+    from wackel_virtual.body import InPlane
     from wackel_virtual.coupled_drive import CoupledDrive, Sample
 
 T = TypeVar("T")
@@ -152,6 +153,7 @@ class Ports:
         drive: What the buses' servos move.
         on_sample: Called, in the thread, with what its gyros measure, and when: ns of the monotonic
             clock.
+        on_pose: Called, in the thread, with where it is, and when, likewise.
 
     Raises:
         ConfigError: A port cannot be made.
@@ -163,9 +165,11 @@ class Ports:
         taps: Mapping[str, Path] | None = None,
         drive: "CoupledDrive | None" = None,
         on_sample: "Callable[[Sample, int], None] | None" = None,
+        on_pose: "Callable[[InPlane, int], None] | None" = None,
     ) -> None:
         self._drive = drive
         self._on_sample = on_sample
+        self._on_pose = on_pose
         self._busy_ns = 0  # when something was on a wire
         self._buses = {name: bus for name, (bus, _) in buses.items()}
         self._terminals: dict[str, Terminal] = {}
@@ -297,6 +301,8 @@ class Ports:
         for sample in drive.samples(now_ns):
             if self._on_sample is not None:
                 self._on_sample(sample, origin_ns + sample.at_ns)
+        if self._on_pose is not None:
+            self._on_pose(drive.drivetrain.body.pose, origin_ns + drive.now_ns)
 
     def _run_calls(self, now_ns: int) -> bool:
         """Run what was submitted; False at the end."""

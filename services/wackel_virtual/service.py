@@ -1,15 +1,18 @@
 """The virtual robot as a process: ports, and faults on request."""
 
+import math
 import signal
 import threading
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import msgspec
 
+from wackel_node.clock import Clock
 from wackel_node.config import RobotConfig
+from wackel_node.errors import Explained
 from wackel_node.log import logger
 from wackel_node.node import Node
 from wackel_node.precedence import CONTROL, LOOK_S, GiveWay, come_first
@@ -23,25 +26,72 @@ from wackel_virtual.port import Ports, claimed
 from wackel_virtual.scenario import Scenario, bus_of
 
 if TYPE_CHECKING:
+    from wackel_virtual.body import InPlane
     from wackel_virtual.coupled_drive import CoupledDrive, Sample
 
 _PORTS_ON = 10_000
 """Not the next port, which is another robot's."""
 _LAST_PORT = 65_535
 _LOOK_FOR_END_S = 0.5
+_POSES_APART_NS = 10_000_000
 
 
-def run(scenario: Scenario) -> None:
+class NotWritable(Explained, OSError):
+    """The true path cannot be written where it should go."""
+
+
+@contextmanager
+def true_path(path: Path | None, clock: Clock) -> "Iterator[Callable[[InPlane, int], None] | None]":
+    """Writes where the robot is into a file, as ``wackel calibrate`` reads it.
+
+    Yields:
+        To be called with each pose and its time, ns of the monotonic clock; nothing without a path.
+
+    Raises:
+        NotWritable: The file cannot be made.
+    """
+    if path is None:
+        yield None
+        return
+    try:
+        file = path.open("w", encoding="utf-8")
+    except OSError as error:
+        raise NotWritable(f"{path}: {error.strerror}") from error
+    latest_ns = 0
+
+    def write(pose: "InPlane", monotonic_ns: int) -> None:
+        nonlocal latest_ns
+        if monotonic_ns - latest_ns >= _POSES_APART_NS:
+            latest_ns = monotonic_ns
+            x, y, heading = pose
+            time_s = clock.stamp_ns(monotonic_ns) / 1e9
+            file.write(f"{time_s:.6f},{x:.6f},{y:.6f},{math.remainder(heading, math.tau):.6f}\n")
+
+    with file:
+        file.write("time,x,y,theta\n")
+        yield write
+
+
+def run(scenario: Scenario, path: Path | None = None) -> None:
     """Runs the virtual robot, and answers requests over Zenoh, until a signal ends it.
+
+    Args:
+        scenario: The robot.
+        path: File for the true path.
 
     Raises:
         ConfigError: A port cannot be made.
         ImportError: MuJoCo is wanted and not installed.
+        NotWritable: The file cannot be made.
     """
     config = scenario.config
     come_first(CONTROL)  # servos answer at once, however busy the computer of their robot is
     # Claimed first: who is refused must not have announced itself in the name of the one that runs.
-    with _claimed(scenario), Node("virtual", "main", config, own_endpoint(config)) as node:
+    with (
+        _claimed(scenario),
+        Node("virtual", "main", config, own_endpoint(config)) as node,
+        true_path(path, node.clock) as on_pose,
+    ):
         gyros = {
             name: node.publisher(keys.IMU, name=name)
             for name, gyro in config.gyros.items()
@@ -56,7 +106,7 @@ def run(scenario: Scenario) -> None:
         buses = scenario.make()
         drive = scenario.make_drive(buses)
         node.await_links()
-        with _ports(scenario, buses, drive, on_sample) as ports:
+        with _ports(scenario, buses, drive, on_sample, on_pose) as ports:
             active: list[Injection] = []
 
             def on_request(request: VirtualRequest) -> VirtualReply:
@@ -91,20 +141,16 @@ def own_endpoint(config: RobotConfig) -> str | None:
     return f"tcp/127.0.0.1:{int(port) + _PORTS_ON}"
 
 
-def run_alone(scenario: Scenario) -> None:
-    """As :func:`run`, without Zenoh: for other software that wants a Dynamixel bus.
-
-    Raises:
-        ConfigError: As :func:`run`.
-        ImportError: As :func:`run`.
-    """
+def run_alone(scenario: Scenario, path: Path | None = None) -> None:
+    """As :func:`run`, without Zenoh: for other software that wants a Dynamixel bus."""
     stopped = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopped.set())
     buses = scenario.make()
     with (
         _claimed(scenario),
-        _ports(scenario, buses, scenario.make_drive(buses)) as ports,
+        true_path(path, Clock()) as on_pose,
+        _ports(scenario, buses, scenario.make_drive(buses), None, on_pose) as ports,
     ):
         logger.info("ready")
         while not stopped.wait(_LOOK_FOR_END_S):
@@ -208,7 +254,8 @@ def _ports(
     scenario: Scenario,
     buses: Mapping[str, VirtualBus],
     drive: "CoupledDrive | None",
-    on_sample: "Callable[[Sample, int], None] | None" = None,
+    on_sample: "Callable[[Sample, int], None] | None",
+    on_pose: "Callable[[InPlane, int], None] | None",
 ) -> Ports:
     configs = scenario.config.buses
     ports = Ports(
@@ -216,6 +263,7 @@ def _ports(
         {name: Path(port) for name, port in scenario.taps.items()},
         drive,
         on_sample,
+        on_pose,
     )
     for name, config in configs.items():
         logger.info(

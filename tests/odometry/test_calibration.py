@@ -8,7 +8,7 @@ from tests.odometry.runs import calibrated, recorded
 from tests.odometry.simulation import Errors, differential_drive, steered_drive
 from wackel_kinematics.planar import compose, exponential
 from wackel_node.config_drive import DriveConfig
-from wackel_odometry.calibration import Run, calibrate, path
+from wackel_odometry.calibration import Run, calibrate, fit, misses, path, uncertainty
 
 
 def test_a_calibrated_drive_leads_along_paths_that_it_has_not_seen() -> None:
@@ -17,12 +17,10 @@ def test_a_calibrated_drive_leads_along_paths_that_it_has_not_seen() -> None:
     found = calibrated(config, errors, rng)
     fresh = recorded(config, errors, rng, noise=0.0)
 
-    def misses(drive: DriveConfig) -> float:
-        ends = fresh.poses[::500]
-        told = path(drive, fresh, stretch=500)[: len(ends) - 1]
-        return float(np.median(np.abs(compose(ends[:-1], told) - ends[1:])[:, :2]))
+    def off(drive: DriveConfig) -> float:
+        return float(np.median(np.abs(misses(drive, fresh, stretch=500))[:, :2]))
 
-    assert misses(found) < 0.7 * misses(config)
+    assert off(found) < 0.7 * off(config)
 
 
 def curved_run(left: float, right: float, track: float) -> Run:
@@ -47,15 +45,33 @@ def test_what_a_run_does_not_tell_stays_as_it_was() -> None:
     rolled = np.full((1000, 2), 0.1)
     x = 0.005 * np.arange(1001)
     run = Run(np.stack([x, 0 * x, 0 * x], axis=-1), rolled, 0 * rolled)
-    found = calibrate(differential_drive(track=0.4, radius=0.05), [run], stretch=100)
-    assert found.track == pytest.approx(0.4)
-    assert [wheel.radius for wheel in found.wheels] == pytest.approx([0.05, 0.05])
+    config = differential_drive(track=0.4, radius=0.05)
+    found, known = fit(config, [run], stretch=100), uncertainty(config)
+    assert found.config.track == pytest.approx(0.4)
+    assert [wheel.radius for wheel in found.config.wheels] == pytest.approx([0.05, 0.05])
+    assert found.sigma["track"] == pytest.approx(known["track"])
+    assert found.sigma["left.radius"] < 0.9 * known["left.radius"]
+
+
+def test_where_the_path_is_not_known_nothing_is_compared() -> None:
+    run = curved_run(0.0502, 0.0499, 0.41)
+    run.poses[1:300] = run.poses[301:1000] = np.nan
+    assert run.moments(200) == [0, 300, 1000, 1200, 1400, 1600, 1800, 2000]
+    found = calibrate(differential_drive(track=0.4, radius=0.05), [run], stretch=200)
+    assert [wheel.radius for wheel in found.wheels] == pytest.approx([0.0502, 0.0499], rel=1e-3)
+
+
+def test_parts_of_a_run_are_the_run() -> None:
+    run, config = curved_run(0.0502, 0.0499, 0.41), differential_drive(track=0.4, radius=0.05)
+    parts = run.part(0, 1000), run.part(1000, 2000)
+    whole = misses(config, run, stretch=200)
+    assert np.concatenate([misses(config, part, 200) for part in parts]) == pytest.approx(whole)
 
 
 def test_the_path_of_a_stretch_is_seen_from_its_beginning() -> None:
     run = curved_run(0.05, 0.05, 0.4)
-    ends = path(differential_drive(track=0.4, radius=0.05), run, stretch=100)
-    assert compose(run.poses[300], ends[3]) == pytest.approx(run.poses[400], abs=1e-6)
+    ends = path(differential_drive(track=0.4, radius=0.05), run, [0, 300, 400])
+    assert compose(run.poses[300], ends[1]) == pytest.approx(run.poses[400], abs=1e-6)
 
 
 @pytest.mark.parametrize(
