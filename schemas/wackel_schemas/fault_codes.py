@@ -289,8 +289,8 @@ FAULT_CODES: dict[str, FaultCode] = {
     ),
     "pose_unknown": FaultCode(
         "{component} cannot tell where the robot is: {reason}.",
-        "See which inputs are missing or excluded (wackel echo odometry); once they are back, set "
-        "the pose anew.",
+        "See which inputs are missing or excluded (wackel pose); once they are back, say where the "
+        "robot is (wackel pose set).",
         "fault",
         ("can_localise",),
         debounce_s=0.5,

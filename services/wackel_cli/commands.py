@@ -27,6 +27,7 @@ GROUPS: dict[str, dict[str, Command]] = {
     "Look at it": {
         "top": Command("wackel_cli.top", "live view of buses, servos and faults"),
         "health": Command("wackel_cli.health", "what is wrong and what to do; acknowledge, clear"),
+        "pose": Command("wackel_cli.pose", "where the robot is; tell it where it is"),
         "view": Command("wackel_view.__main__", "show the robot in a Foxglove viewer"),
         "echo": Command("wackel_cli.echo", "print what is published on a topic"),
         "record": Command("wackel_recorder.__main__", "record all topics into an MCAP file"),

@@ -17,7 +17,7 @@ def main(argv: list[str]) -> int:
         "robot.toml lists under [drive] (read from bus/<bus>/state) and the gyros under [gyros] "
         "(from imu/<name>): with covariances, what each input was worth, slip of each wheel, and "
         "faults of the gyros.",
-        epilog="Look at it: `wackel echo odometry`. Reset the pose: a query on odometry/request.",
+        epilog="Look at it, and reset or set the pose: `wackel pose`.",
     )
     config = configured(parser, argv, "odometry")
     drive = drive_of(config, "get odometry")

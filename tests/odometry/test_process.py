@@ -13,6 +13,7 @@ from msgspec.structs import replace
 from tests.conftest import Rendezvous, wait_until
 from tests.odometry.simulation import BUS, GYRO, START_NS, Robot, differential_drive, exact
 from tests.odometry.test_core import SECOND, statistics
+from wackel_cli.pose import main
 from wackel_node.config import BusConfig, RobotConfig, ServoConfig, dump
 from wackel_node.config_drive import GyroConfig
 from wackel_node.errors import USAGE
@@ -144,6 +145,24 @@ def test_a_pose_that_was_set_is_an_input_of_recordings(service: Watcher) -> None
     # It stands between those of the states that came before and after.
     at = service.inputs.index(keys.POSE_SET.key())
     assert 20 <= service.inputs[:at].count(keys.STATE.key(bus=BUS)) < 40
+
+
+def test_a_person_sees_the_pose_and_sets_it(
+    service: Watcher, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    where = ["--config", str(tmp_path / "robot.toml")]
+    assert main(where) == 1
+    assert capsys.readouterr().err == "no step has been made yet\n"
+    service.drive(20, 0.0, 0.0, 0.0)
+    assert main(["set", "3", "-1", "0.5", *where]) == 0
+    assert main(where) == 0
+    shown = capsys.readouterr().out
+    assert "the pose is 3 m, -1 m, 0.5 rad\nat +3.000 m -1.000 m, heading +0.5000 rad" in shown
+    assert main(["set", "nan", "0", "0", *where]) == 1
+    assert "must be numbers" in capsys.readouterr().err
+    assert main(["reset", *where]) == 0
+    assert main(["--json", *where]) == 0
+    assert '"x": 0.0' in capsys.readouterr().out
 
 
 def test_a_bus_that_goes_on_alone_tells_that_the_pose_is_not_known(service: Watcher) -> None:
