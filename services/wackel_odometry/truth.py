@@ -18,6 +18,8 @@ COLUMNS = ("time", "x", "y", "theta")
 CLOSE_NS = 250_000_000
 """Between poses no further apart the robot is taken to move evenly: motion capture at 4 Hz at
 least. Poses further apart from all others are marks, at which the robot stands."""
+SAME_NS = 1_000
+"""Within which a moment is that of a pose: as a float, a UTC time in seconds is right to 0.2 µs."""
 MARK_NS = 20_000_000
 """How far from a mark's time a step of the wheels may end."""
 LATEST_S = 2**33
@@ -89,11 +91,11 @@ class Truth:
         # Relative to the first one: the numbers of UTC have no ns as floats.
         since, wanted = self.stamps - self.stamps[0], stamps - self.stamps[0]
         found = np.stack([np.interp(wanted, since, each) for each in self.poses.T], axis=-1)
-        after = np.searchsorted(since, wanted)
         gaps = np.diff(since)
-        before = np.clip(after - 1, 0, len(gaps) - 1)
-        outside = (wanted < 0) | (wanted > since[-1])
-        found[outside | (gaps[before] > CLOSE_NS)] = np.nan
+        before = np.clip(np.searchsorted(since, wanted) - 1, 0, len(gaps) - 1)
+        to_rows = np.abs(wanted[:, None] - since[[before, before + 1]].T)
+        outside = (wanted < 0) | (wanted > since[-1]) | (gaps[before] > CLOSE_NS)
+        found[outside & (to_rows.min(axis=1) > SAME_NS)] = np.nan
         far = np.concatenate([[True], gaps > CLOSE_NS, [True]])
         for mark in np.flatnonzero(far[:-1] & far[1:]).tolist():
             nearest = int(np.abs(wanted - since[mark]).argmin())

@@ -11,8 +11,10 @@ import pytest
 from msgspec.structs import replace
 
 from tests.cli.test_replay import recorded, write
+from tests.odometry.runs import OPTIODOM, optiodom_calibrated, optiodom_nominal, optiodom_run
 from tests.odometry.simulation import (
     BUS,
+    START_NS,
     Errors,
     Robot,
     differential_drive,
@@ -24,8 +26,10 @@ from wackel_cli.calibrate import NotUsable, NotWritable, main
 from wackel_kinematics.array import Floats
 from wackel_node.config import BusConfig, ConfigError, RobotConfig, ServoConfig, dump, load
 from wackel_node.config_drive import DriveConfig
+from wackel_odometry.calibration import measures
 from wackel_recording.reader import Unreadable
 from wackel_schemas import wire
+from wackel_schemas.bus import BusState, ServoState
 from wackel_schemas.fault import Evidence, FaultReport
 
 LEFT, RIGHT = 0.012, -0.008
@@ -284,3 +288,26 @@ def test_recordings_of_one_drive_are_taken_together(
     toml.write_text(dump(DIFFERENTIAL))
     arguments = [files[0], str(third.recording), "--truth", str(path), "--config", str(toml)]
     assert main(arguments) == 0
+
+
+@pytest.mark.skipif(not OPTIODOM.exists(), reason=f"no recorded robot at {OPTIODOM}")
+def test_recorded_circles_give_the_same_as_without_a_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config, files, truth = robot_of(optiodom_nominal()), [], []
+    for number in (1, 2):
+        run, messages = optiodom_run(f"circular_231220200121_run-0{number}"), []
+        turned = np.concatenate([np.zeros((1, 2)), np.cumsum(run.rolled, axis=0)])
+        for step, angles in enumerate(turned.tolist()):
+            stamp = START_NS + number * 1_000_000_000_000 + step * 50_000_000
+            servos = [ServoState(id=i, position=angle) for i, angle in enumerate(angles, 1)]
+            messages.append((f"bus/{BUS}/state", wire.encode(BusState(stamp=stamp, servos=servos))))
+            truth.append([stamp / 1e9, *run.poses[step]])
+        files.append(write(tmp_path / f"{number}.mcap", messages, config))
+    path = Ride(files[0], np.array(truth)).csv(tmp_path / "path.csv")
+    lap = ["--apart", "52.3"]
+    assert main([*map(str, files), "--truth", str(path), *lap, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["measures"]
+    assert {name: each["found"] for name, each in told.items()} == pytest.approx(
+        measures(optiodom_calibrated()), rel=1e-6
+    )

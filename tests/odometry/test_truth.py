@@ -46,6 +46,15 @@ def test_before_after_and_in_gaps_the_pose_is_not_known() -> None:
     assert known.tolist() == [False, True, False, True, False]
 
 
+def test_times_are_as_exact_as_a_float_is() -> None:
+    stamps = [START_NS + number * 50_000_000 + 1 for number in range(100)]
+    truth = Truth.parse(
+        table(*((stamp / 1e9, number, 0, 0) for number, stamp in enumerate(stamps)))
+    )
+    found = truth.at(np.array(stamps))
+    assert found[:, 0] == pytest.approx(np.arange(100), abs=1e-4)
+
+
 def test_a_pose_far_from_all_others_is_a_mark_of_the_step_that_ends_there() -> None:
     truth = Truth.parse(table((10.0, 1, 2, 0.5), (20.0, 3, 4, 0)))
     near = MARK_NS / 1e9 * 0.9
