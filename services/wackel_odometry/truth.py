@@ -22,6 +22,8 @@ SAME_NS = 1_000
 """Within which a moment is that of a pose: as a float, a UTC time in seconds is right to 0.2 µs."""
 MARK_NS = 20_000_000
 """How far from a mark's time a step of the wheels may end."""
+FARTHEST = 1e6
+"""m or rad; a pose beyond has no millimetres left."""
 LATEST_S = 2**33
 """Of UTC, in the year 2242: a time beyond is in other units."""
 
@@ -66,6 +68,10 @@ class Truth:
                     continue
                 if not 0 <= time < LATEST_S:
                     raise NoTruth(f"line {rows.line_num}: {time:g} is no time in seconds (UTC)")
+                if max(map(abs, pose)) > FARTHEST:
+                    raise NoTruth(
+                        f"line {rows.line_num}: no pose in m and rad is beyond {FARTHEST:g}"
+                    )
                 stamp = round(time * 1e9)
                 if stamps and stamp <= stamps[-1]:
                     raise NoTruth(f"line {rows.line_num}: its time is not after the one before")
@@ -105,7 +111,7 @@ class Truth:
 
 
 def _columns(heading: list[str]) -> list[int]:
-    names = [name.strip().lower().removeprefix("\ufeff") for name in heading]
+    names = [name.strip().lower() for name in heading]
     missing = [name for name in COLUMNS if name not in names]
     if missing:
         raise NoTruth(

@@ -94,6 +94,7 @@ def test_a_line_without_a_pose_is_counted(gone: str) -> None:
         (table((1, 0, 0, 0), (1, 0, 0, 0)), "line 3: its time is not after"),
         (table((1, 0, 0, 0), (START_NS, 0, 0, 0)), "line 3: 1.7e\\+18 is no time in seconds"),
         (table((-1, 0, 0, 0), (1, 0, 0, 0)), "line 2: -1 is no time"),
+        (table((1, 0, 0, 0), (2, 0, -1e300, 0)), "line 3: no pose in m and rad is beyond"),
     ],
 )
 def test_what_is_no_path_is_refused_with_the_reason(lines: list[str], why: str) -> None:
