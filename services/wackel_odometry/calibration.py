@@ -26,7 +26,6 @@ TRACK_SIGMA = 0.02
 POSITION_SIGMA = 0.003
 """m, and rad: noise of the recorded path."""
 HEADING_SIGMA = 0.005
-
 FARTHEST, FARTHEST_RAD = 0.5, math.pi / 4
 """Share by which a radius or the track, and angle by which a steering may change: a path that asks
 for more is of another robot."""
@@ -73,11 +72,13 @@ class Run:
 
 
 def measures(config: DriveConfig) -> dict[str, float]:
-    """What is calibrated, m and rad: of each wheel the radius and, if it is steered, the offset of
-    its steering, ``<wheel>.radius`` and ``<wheel>.steering_offset``; and ``track``."""
+    """What is calibrated, m and rad: of each wheel the radius, if it is driven, and the offset of
+    its steering, if it is steered, ``<wheel>.radius`` and ``<wheel>.steering_offset``; and
+    ``track``."""
     found = {}
     for wheel in config.wheels:
-        found[f"{wheel.name}.radius"] = wheel.radius
+        if wheel.drive is not None:
+            found[f"{wheel.name}.radius"] = wheel.radius
         if wheel.steering is not None:
             found[f"{wheel.name}.steering_offset"] = wheel.steering_offset
     if config.kind == "differential":
@@ -226,7 +227,7 @@ def _with(config: DriveConfig, values: Floats) -> DriveConfig:
     wheels = [
         replace(
             wheel,
-            radius=told[f"{wheel.name}.radius"],
+            radius=told.get(f"{wheel.name}.radius", wheel.radius),
             steering_offset=told.get(f"{wheel.name}.steering_offset", wheel.steering_offset),
         )
         for wheel in config.wheels

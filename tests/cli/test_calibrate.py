@@ -19,6 +19,7 @@ from tests.odometry.simulation import (
     Robot,
     differential_drive,
     exact,
+    other_drives,
     random_path,
     steered_drive,
 )
@@ -65,7 +66,7 @@ def ride(
     assert config.drive is not None
     rng = np.random.default_rng(after_s)
     robot = Robot(config.drive, errors, rng)
-    sideways = config.drive.kind == "steered"
+    sideways = config.drive.kind in ("steered", "mecanum", "omni")
     messages, truth = [], []
     for moment in robot.drive(random_path(rng, length_m, sideways=sideways)):
         moment.state.stamp += after_s * 1_000_000_000
@@ -192,6 +193,22 @@ def test_a_robot_that_stands_tells_nothing(tmp_path: Path) -> None:
     path = still.csv(tmp_path / "path.csv")
     with pytest.raises(NotUsable, match="hardly drove"):
         main([str(still.recording), "--truth", str(path)])
+
+
+@pytest.mark.parametrize("kind", [*other_drives()])
+def test_a_drive_of_each_kind_can_be_calibrated(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
+) -> None:
+    drive = other_drives()[kind]
+    count = len(drive.wheels)
+    errors = Errors(np.resize([0.01, -0.006, 0.003], count), np.zeros(count))
+    driven = ride(tmp_path / "run.mcap", robot_of(drive), errors, 15.0)
+    path = driven.csv(tmp_path / "path.csv")
+    assert main([str(driven.recording), "--truth", str(path), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    wheels = {wheel.name for wheel in drive.wheels if wheel.drive is not None}
+    assert {name[: -len(".radius")] for name in told["measures"] if "radius" in name} == wheels
+    assert told["calibrated"]["position_m"] < 0.8 * told["configured"]["position_m"]
 
 
 def test_a_short_run_says_that_nothing_confirms_it(
