@@ -67,7 +67,8 @@ def as_lines(odometry: Odometry) -> Iterator[str]:
         yield f"not known: {odometry.reason}"
     elif len(odometry.pose_covariance) == _NUMBERS:
         xx, yy, tt = (max(each, 0.0) for each in odometry.pose_covariance[:: _NUMBERS // 2])
-        yield f"known within {math.sqrt(xx + yy):.3f} m and {_angle(math.sqrt(tt))}, one sigma"
+        heading = math.degrees(math.sqrt(tt))
+        yield f"known within {math.sqrt(xx + yy):.3f} m and {heading:.2f}°, one sigma"
     if odometry.standing:
         yield "stands"
     else:

@@ -29,7 +29,7 @@ def odometry(**settings: object) -> Odometry:
 def test_pose_how_well_it_is_known_and_motion() -> None:
     assert list(as_lines(odometry())) == [
         "at +1.250 m -0.500 m, heading +1.5708 rad (+90.0°)",
-        "known within 0.050 m and +0.0100 rad (+0.6°), one sigma",
+        "known within 0.050 m and 0.57°, one sigma",
         "goes +0.300 m/s ahead and +0.000 m/s to the left, turns by -0.1000 rad (-5.7°) a second",
     ]
     assert list(as_lines(odometry(standing=True)))[2:] == ["stands"]
