@@ -42,7 +42,6 @@ _APART_S = 3.0
 _ROUNDING = 1e-6  # of steps
 _HARDLY = 0.9
 """Of how well a measure was known before: if it is known no better, the recordings do not tell."""
-
 _FITS = 0.1
 """Share of the way by which calibrated wheels miss true poses at most; those that skid in turns
 miss them by a few hundredths."""

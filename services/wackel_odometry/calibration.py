@@ -165,6 +165,11 @@ def calibrate(config: DriveConfig, runs: Sequence[Run], stretch: int) -> DriveCo
 def misses(config: DriveConfig, run: Run, stretch: int) -> Floats:
     """Where the wheels lead from each true pose less the next one, seen from the first.
 
+    Args:
+        config: The drive.
+        run: A run.
+        stretch: Least number of steps from one of these poses to the next.
+
     Returns:
         m, m, rad, shape (k, 3).
     """
@@ -214,7 +219,8 @@ def _between(poses: Floats) -> Floats:
 
 
 def noise(run: Run, stretch: int) -> Floats:
-    """Standard deviations of :func:`misses` from noise of the recorded path, shape (k, 3)."""
+    """Standard deviations of :func:`misses` by the noise of the recorded path, with its arguments:
+    m, m, rad, shape (k, 3)."""
     dx, dy = np.diff(run.poses[run.moments(stretch), :2], axis=0).T
     # The heading at the beginning is noisy, too, which shows at the end of a lever.
     place = np.hypot(POSITION_SIGMA, HEADING_SIGMA * np.hypot(dx, dy))

@@ -80,7 +80,7 @@ class Truth:
         except csv.Error as error:
             raise NoTruth(f"line {rows.line_num}: {error}") from error
         if len(stamps) < 2:
-            raise NoTruth(f"{len(stamps)} lines hold a pose, at least 2 are needed")
+            raise NoTruth(f"it needs 2 poses at least, and has {len(stamps)}")
         path = np.array(poses)
         path[:, 2] = np.unwrap(path[:, 2])
         return cls(np.array(stamps), path, unseen)

@@ -48,13 +48,16 @@ def true_path(path: Path | None, clock: Clock) -> "Iterator[Callable[[InPlane, i
         To be called with each pose and its time, ns of the monotonic clock; nothing without a path.
 
     Raises:
-        NotWritable: The file cannot be made.
+        NotWritable: The file is there already, or cannot be made.
     """
     if path is None:
         yield None
         return
     try:
-        file = path.open("w", encoding="utf-8")
+        # No path is lost to the next one, nor the last lines of it to a kill -9.
+        file = path.open("x", buffering=1, encoding="utf-8")
+    except FileExistsError as error:
+        raise NotWritable(f"{path} exists; name another file, or move it away first") from error
     except OSError as error:
         raise NotWritable(f"{path}: {error.strerror}") from error
     latest_ns = 0
@@ -82,7 +85,7 @@ def run(scenario: Scenario, path: Path | None = None) -> None:
     Raises:
         ConfigError: A port cannot be made.
         ImportError: MuJoCo is wanted and not installed.
-        NotWritable: The file cannot be made.
+        NotWritable: The file is there already, or cannot be made.
     """
     config = scenario.config
     come_first(CONTROL)  # servos answer at once, however busy the computer of their robot is
@@ -142,7 +145,14 @@ def own_endpoint(config: RobotConfig) -> str | None:
 
 
 def run_alone(scenario: Scenario, path: Path | None = None) -> None:
-    """As :func:`run`, without Zenoh: for other software that wants a Dynamixel bus."""
+    """As :func:`run`, without Zenoh: for other software that wants a Dynamixel bus.
+
+    Args:
+        scenario, path: As there.
+
+    Raises:
+        ConfigError, ImportError, NotWritable: As there.
+    """
     stopped = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopped.set())

@@ -47,7 +47,8 @@ def test_before_after_and_in_gaps_the_pose_is_not_known() -> None:
 
 
 def test_times_are_as_exact_as_a_float_is() -> None:
-    stamps = [START_NS + number * 50_000_000 + 1 for number in range(100)]
+    # With a gap, so that each of its ends is the last moment or the first that is known.
+    stamps = [START_NS + number * 50_000_000 + 1 for number in (*range(50), *range(100, 150))]
     truth = Truth.parse(
         table(*((stamp / 1e9, number, 0, 0) for number, stamp in enumerate(stamps)))
     )
@@ -89,8 +90,8 @@ def test_a_line_without_a_pose_is_counted(gone: str) -> None:
     [
         ([], "columns time, x, y, theta; time and x and y and theta are missing"),
         (["time,x,y"], "theta is missing"),
-        (table(), "0 lines hold a pose"),
-        (table((1, 0, 0, 0)), "1 lines hold a pose"),
+        (table(), "needs 2 poses at least, and has 0"),
+        (table((1, 0, 0, 0)), "needs 2 poses at least, and has 1"),
         (table((1, 0, 0, 0), (1, 0, 0, 0)), "line 3: its time is not after"),
         (table((1, 0, 0, 0), (START_NS, 0, 0, 0)), "line 3: 1.7e\\+18 is no time in seconds"),
         (table((-1, 0, 0, 0), (1, 0, 0, 0)), "line 2: -1 is no time"),
