@@ -20,3 +20,7 @@ class Explained(Exception):
 
 class AlreadyRunning(Explained):
     """The services of this robot are running already."""
+
+
+class NotWritable(Explained, OSError):
+    """A file cannot be written where it should go, or would be written over another one."""

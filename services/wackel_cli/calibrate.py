@@ -19,7 +19,7 @@ from wackel_node.algebra import single_threaded
 from wackel_node.arguments import above_zero, add_config
 from wackel_node.config import RobotConfig, drive_of, dump, load, parse
 from wackel_node.config_drive import DriveConfig
-from wackel_node.errors import FAILED, OK, USAGE, Explained
+from wackel_node.errors import FAILED, OK, Explained, NotWritable
 from wackel_odometry.calibration import (
     Run,
     calibrate,
@@ -84,12 +84,6 @@ explained better by what the other half gives; then nothing is written.
 
 class NotUsable(Explained, ValueError):
     """The path or the recording is none to calibrate from."""
-
-
-class NotWritable(Explained, OSError):
-    """The configuration cannot be written where it should go."""
-
-    exit_code = USAGE
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from wackel_cli.progress import with_progress
 from wackel_node.algebra import single_threaded
 from wackel_node.arguments import add_config
 from wackel_node.config import RobotConfig, load, parse
-from wackel_node.errors import FAILED, OK, Explained
+from wackel_node.errors import FAILED, OK, Explained, NotWritable
 from wackel_node.garbage import collect_rarely
 from wackel_recording.reader import Recording, open_recordings
 from wackel_schemas.drive import Odometry
@@ -25,10 +25,6 @@ from wackel_schemas.fault import FaultReport
 
 class NotComparable(Explained, ValueError):
     """The recording holds nothing to compare with."""
-
-
-class NotWritable(Explained, OSError):
-    """The reports cannot be written where they should go."""
 
 
 def main(argv: list[str]) -> int:

@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from wackel_node.errors import FAILED, OK, Explained
+from wackel_node.errors import FAILED, OK, NotWritable
 from wackel_schemas.keys import QUERIES, ROOT, TOPICS
 from wackel_schemas.message import Record
 
@@ -58,10 +58,6 @@ def _tidy(node: Any) -> Any:
             return [_tidy(item) for item in node]
         case _:
             return node
-
-
-class NotWritable(Explained, OSError):
-    """Where the schemas should go, nothing can be written."""
 
 
 def main(argv: list[str]) -> int:

@@ -12,7 +12,7 @@ from secrets import token_hex
 from wackel_node import log
 from wackel_node.arguments import add_config, config_of
 from wackel_node.config import RobotConfig, dump
-from wackel_node.errors import OK, Explained
+from wackel_node.errors import OK, NotWritable
 from wackel_node.listen import EVERYTHING, key_expression
 from wackel_node.node import Node
 from wackel_recorder.service import Recorder
@@ -28,10 +28,6 @@ examples:
   wackel record --topics 'bus/*/transaction' 'fault/*'
 """
 _SILENCE_S = 3.0  # a robot that runs has sent several heartbeats by then
-
-
-class NotWritable(Explained, OSError):
-    """Where the recording should go, nothing can be written."""
 
 
 def main(argv: list[str]) -> int:

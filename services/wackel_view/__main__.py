@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from wackel_node.arguments import add_config, config_of
-from wackel_node.errors import OK, Explained
+from wackel_node.errors import OK, NotWritable
 
 PORT = 8765  # where viewers look for it
 
@@ -27,10 +27,6 @@ examples:
 
 Ctrl-C ends it.
 """
-
-
-class NotWritable(Explained, OSError):
-    """The layout cannot be written where it should go."""
 
 
 def main(argv: list[str]) -> int:

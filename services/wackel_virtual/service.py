@@ -12,7 +12,7 @@ import msgspec
 
 from wackel_node.clock import Clock
 from wackel_node.config import RobotConfig
-from wackel_node.errors import Explained
+from wackel_node.errors import NotWritable
 from wackel_node.log import logger
 from wackel_node.node import Node
 from wackel_node.precedence import CONTROL, LOOK_S, GiveWay, come_first
@@ -34,10 +34,6 @@ _PORTS_ON = 10_000
 _LAST_PORT = 65_535
 _LOOK_FOR_END_S = 0.5
 _POSES_APART_NS = 10_000_000
-
-
-class NotWritable(Explained, OSError):
-    """The true path cannot be written where it should go."""
 
 
 @contextmanager

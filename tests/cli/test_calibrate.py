@@ -23,10 +23,11 @@ from tests.odometry.simulation import (
     random_path,
     steered_drive,
 )
-from wackel_cli.calibrate import NotUsable, NotWritable, main
+from wackel_cli.calibrate import NotUsable, main
 from wackel_kinematics.array import Floats
 from wackel_node.config import BusConfig, ConfigError, RobotConfig, ServoConfig, dump, load
 from wackel_node.config_drive import DriveConfig
+from wackel_node.errors import NotWritable
 from wackel_odometry.calibration import measures
 from wackel_recording.reader import Unreadable
 from wackel_schemas import wire

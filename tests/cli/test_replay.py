@@ -13,8 +13,9 @@ import pytest
 from tests.classifier.rig import EPOCH_NS, Rig, chain
 from tests.conftest import Rendezvous, wait_until
 from wackel_cli.comparison import differences
-from wackel_cli.replay import NotWritable, main
+from wackel_cli.replay import main
 from wackel_node.config import ConfigError, RobotConfig, dump
+from wackel_node.errors import NotWritable
 from wackel_node.link import Link
 from wackel_node.listen import header_of
 from wackel_recording.about import About
