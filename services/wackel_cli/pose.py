@@ -69,9 +69,9 @@ def as_lines(odometry: Odometry) -> Iterator[str]:
         xx, yy, tt = (max(each, 0.0) for each in odometry.pose_covariance[:: _NUMBERS // 2])
         heading = math.degrees(math.sqrt(tt))
         yield f"known within {math.sqrt(xx + yy):.3f} m and {heading:.2f}°, one sigma"
-    if odometry.standing:
+    if odometry.valid and odometry.standing:
         yield "stands"
-    else:
+    elif odometry.valid:
         yield (
             f"goes {odometry.vx:+.3f} m/s ahead and {odometry.vy:+.3f} m/s to the left, turns by "
             f"{_angle(odometry.omega)} a second"

@@ -47,7 +47,7 @@ def test_what_is_not_believed_is_told() -> None:
     )
     said = list(as_lines(lost))
     assert said[1] == "not known: too few inputs"
-    assert said[3:] == ["rejected: gyro/body", "wheel/b/drive is excluded: it is blocked"]
+    assert said[2:] == ["rejected: gyro/body", "wheel/b/drive is excluded: it is blocked"]
 
 
 @pytest.mark.parametrize("covariance", [[], [1.0], [-1.0] * 9, [math.nan] * 9, [math.inf] * 9])
