@@ -161,25 +161,42 @@ def drive_evenly(motors: IdleMotors, seconds: float, blocked: int | None = None)
 
 
 def fight(motors: IdleMotors, *, known: bool) -> None:
-    """Evenly; then all drag a wheel that is blocked, until it rolls again while the robot slows
-    down gently, but that is told later."""
-    drive_evenly(motors, 60.0)
+    """A wheel is blocked, which two others drag by jerks, and the last is spared."""
+    look(motors, 5.0, idle=None)
     rng = np.random.default_rng(8)
-    for step in range(round(8.0 / LOOK_S)):
-        free_s = step * LOOK_S - 5.0
-        speed = 0.3 - 0.1 * max(free_s, 0.0)
-        load = np.array((1.2, 0.6, 0.4, 0.3)) if free_s < 0.0 else np.full(4, -0.1 * NEEDS.mass)
+    for step in range(round(3.0 / LOOK_S)):
+        seconds = step * LOOK_S
+        speed = 0.3 + 0.15 * math.sin(4.0 * seconds)
+        load = np.array((1.2, 0.6, 0.4, 0.0)) * (1.0 + 0.3 * math.sin(7.0 * seconds))
         current = NEEDS.friction * speed + load + rng.normal(0.0, 0.003, 4)
         see(motors, speed, current, [0.009**2] * 4, faulty=[known, False, False, False])
 
 
-def test_motors_that_no_longer_drag_a_wheel_are_not_idle() -> None:
+def test_a_motor_that_others_spare_while_they_drag_a_wheel_is_not_idle() -> None:
     motors = IdleMotors(4, 1 / LOOK_S)
     fight(motors, known=False)
-    assert any(motors.found), "who does not know of it must think so"
+    assert motors.found[3], "who does not know of it must think so"
     motors = IdleMotors(4, 1 / LOOK_S)
     fight(motors, known=True)
-    drive_evenly(motors, 60.0)
+    assert not any(motors.found)
+
+
+def test_others_that_have_pushed_hard_a_second_ago_do_not_work_now() -> None:
+    motors = IdleMotors(4, 1 / LOOK_S)
+    rng = np.random.default_rng(9)
+    for step in range(round(6.6 / LOOK_S)):
+        seconds = step * LOOK_S
+        speed, hastens_m_s2 = 0.3 - 0.1 * math.cos(4.0 * seconds), 0.4 * math.sin(4.0 * seconds)
+        load = np.full(4, NEEDS.mass * hastens_m_s2)
+        if seconds < 5.0:
+            load += rng.normal(0.0, 0.03, 4)
+        elif seconds < 5.4:
+            load += 0.3
+            load[1] = 0.0
+        else:  # the robot rolls as it would by itself
+            load[:] = 0.0
+        current = NEEDS.friction * speed + load + rng.normal(0.0, 0.003, 4)
+        see(motors, speed, current, [0.03**2] * 4)
     assert not any(motors.found)
 
 
@@ -264,7 +281,7 @@ def test_motors_of_a_robot_that_hastens_gently_are_not_idle() -> None:
         assert not any(motors.found)
 
 
-@pytest.mark.parametrize(("hastens_m_s2", "usual_a"), [(0.3, 0.14), (0.8, 0.05)])
+@pytest.mark.parametrize(("hastens_m_s2", "usual_a"), [(0.3, 0.14), (0.8, 0.05), (0.8, 0.016)])
 def test_a_motor_that_others_relieve_of_an_even_push_is_not_idle(
     hastens_m_s2: float, usual_a: float
 ) -> None:
