@@ -5,10 +5,9 @@ from operator import mul, truediv
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.blas import dsymv
-from scipy.linalg.lapack import dpotrf, dpotri
 
 from wackel_kinematics.array import Floats
+from wackel_odometry.filter import whitening
 
 GATE = 16.0
 """Square of the 4 standard deviations at which a measurement is rejected (facts: y² < 16 S): of
@@ -109,12 +108,10 @@ class _LeftOut(NamedTuple):
 def _left_out(s: Floats, y: Floats) -> _LeftOut:
     if not len(y):
         return _LeftOut(y, [], [], [])
-    # LAPACK without numpy's or scipy's checks, which take longer than a matrix of this size.
-    factor, _ = dpotrf(s, lower=True)
-    lower, _ = dpotri(factor, lower=True)
-    # dsymv reads the lower triangle only.
-    weight = dsymv(1.0, lower, y, lower=True)
+    white = whitening(s)
+    inverse = white.T.dot(white)
+    weight = inverse.dot(y)
     weights = weight.tolist()
-    own = [max(each, LEAST_OWN) for each in lower.diagonal().tolist()]
+    own = [max(each, LEAST_OWN) for each in inverse.diagonal().tolist()]
     alone = [*map(truediv, weights, own)]
     return _LeftOut(weight, own, alone, [*map(mul, weights, alone)])

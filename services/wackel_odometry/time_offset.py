@@ -7,7 +7,7 @@ scale k and bias b, is k ω + b − d ω̇. The three are found by least squares
 import math
 from typing import NamedTuple
 
-import numpy as np
+from wackel_kinematics.array import cofactors
 
 BLOCK_S = 0.05
 """Mean yaw rates over blocks of this length: an encoder step of a single cycle would drown ω̇."""
@@ -18,7 +18,8 @@ EXCITATION = 1.0
 or stop with 1 rad/s within half a second."""
 LEAST_SIGMA_S = 0.002
 """What wheels that slip a little in every turn amount to."""
-_DEFINITE = np.eye(3) * 1e-9  # a robot that only ever turned at one rate leaves k and b open
+_DEFINITE = 1e-9, 0.0, 0.0, 1e-9, 0.0, 1e-9
+"""A robot that only ever turned at one rate leaves k and b open."""
 
 
 class Offset(NamedTuple):
@@ -40,8 +41,10 @@ class TimeOffset:
     def __init__(self) -> None:
         self._open = _Block(0.0, 0.0, 0.0)
         self._blocks: list[_Block] = []
-        self._normal = np.zeros((3, 3))
-        self._right = np.zeros(3)
+        # Normal equations of d, k and b: the upper triangle, row by row, then their right side, and
+        # the square of what they are to explain. For three numbers, Python is faster than numpy.
+        self._normal = [0.0] * 6
+        self._right = [0.0] * 3
         self._square = 0.0
         self._count = 0.0
 
@@ -65,14 +68,19 @@ class TimeOffset:
 
     def estimate(self) -> Offset | None:
         """The offset; ``None`` as long as the robot has not turned enough to tell."""
-        if self._normal[0, 0] < EXCITATION:
+        if self._normal[0] < EXCITATION:
             return None
-        inverse = np.linalg.inv(self._normal + _DEFINITE)
-        solution = inverse @ self._right
-        residual = max(self._square - float(solution @ self._right), 0.0)
+        definite = [told + least for told, least in zip(self._normal, _DEFINITE, strict=True)]
+        (p, q, r, s, t, u), determinant = cofactors(definite)
+        if not determinant > 0.0:  # by rounding
+            return None
+        x, y, z = self._right
+        late, scale, bias = p * x + q * y + r * z, q * x + s * y + t * z, r * x + t * y + u * z
+        explained = (late * x + scale * y + bias * z) / determinant
+        residual = max(self._square - explained, 0.0)
         # Normal equations are weighted by time; the residual's variance is per second, too.
-        variance = residual / max(self._count - 3.0, 1.0) * inverse[0, 0]
-        return Offset(-float(solution[0]), max(math.sqrt(max(variance, 0.0)), LEAST_SIGMA_S))
+        variance = residual / max(self._count - 3.0, 1.0) * p / determinant
+        return Offset(-late / determinant, max(math.sqrt(max(variance, 0.0)), LEAST_SIGMA_S))
 
     def _learn(self, before: _Block, block: _Block, after: _Block) -> None:
         """Takes in the middle one of three blocks, with ω̇ from its neighbours.
@@ -83,9 +91,14 @@ class TimeOffset:
         omega = block.wheels / block.seconds
         rate = (after.wheels / after.seconds - before.wheels / before.seconds) / apart
         off = block.gyro / block.seconds - omega
-        row = np.array([rate, omega, 1.0])
-        fade = math.exp(-block.seconds / MEMORY_S)
-        self._normal = fade * self._normal + row[:, None] * row * block.seconds
-        self._right = fade * self._right + row * (off * block.seconds)
-        self._square = fade * self._square + off**2 * block.seconds
+        fade, seconds = math.exp(-block.seconds / MEMORY_S), block.seconds
+        told = rate * rate, rate * omega, rate, omega * omega, omega, 1.0
+        self._normal = [
+            fade * total + seconds * new for total, new in zip(self._normal, told, strict=True)
+        ]
+        right = rate * off, omega * off, off
+        self._right = [
+            fade * total + seconds * new for total, new in zip(self._right, right, strict=True)
+        ]
+        self._square = fade * self._square + off * off * seconds
         self._count = fade * self._count + 1.0
