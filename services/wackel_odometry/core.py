@@ -8,14 +8,14 @@ from collections import Counter
 from collections.abc import Collection, Mapping
 from functools import partial
 from itertools import compress
-from operator import gt
+from operator import add, and_, gt, not_
 
 import numpy as np
 from msgspec.structs import replace
 
 from wackel_drive.alignment import AHEAD_NS, Alignment, Step
 from wackel_drive.layout import Layout
-from wackel_kinematics.array import Bools, Floats
+from wackel_kinematics.array import Floats
 from wackel_node.config_drive import DriveConfig, GyroConfig
 from wackel_odometry.complaints import InputWatch
 from wackel_odometry.dispute import Dispute
@@ -102,7 +102,7 @@ class Odometer:
         self._at_rest = np.zeros((3, FIRST_BIAS + len(settings)))
         self._at_rest[:, TWIST] = np.eye(3)
         self._still, self._still_variance = np.zeros(3), REST_SIGMA**2
-        self._roll_rows = self._rows.roll_of[roll_wheels]
+        self._roll_rows: list[int] = self._rows.roll_of[roll_wheels].tolist()
         self._reports = Reports()
         self._inputs = InputWatch()
         buses = {bus for wheel in config.wheels for bus, _ in wheel.servos()}
@@ -188,11 +188,8 @@ class Odometer:
 
     def _block(self, components: Collection[str]) -> None:
         """Rows of these are not used."""
-        self._allowed = ~blocked(self._rows, components)
-        self._believed: tuple[list[bool], list[bool]] = (
-            self._allowed[self._roll_rows].tolist(),
-            self._allowed[self._rows.wheels :].tolist(),
-        )
+        allowed = self._allowed = [*map(not_, blocked(self._rows, components))]
+        self._believed = [allowed[row] for row in self._roll_rows], allowed[self._rows.wheels :]
 
     def active(self) -> list[FaultReport]:
         """The faults that are active, in the order in which they began."""
@@ -252,7 +249,7 @@ class Odometer:
         rows = self._rows.measure(step, estimator.x[TWIST], self._slipping)
         usable = rows.present
         if self._excluded:
-            usable = usable & self._allowed
+            usable = [*map(and_, usable, self._allowed)]
         resting = self._standstill.step(step, *self._believed)
         if not self._standstill.wheels_s:
             self._contradicted = [0.0] * len(self._contradicted)
@@ -272,13 +269,12 @@ class Odometer:
         self._latest = self._odometry(step, rows, usable, verdict, standing)
         return self._latest
 
-    def _move(self, rows: Measurements, usable: Bools, seconds: float) -> Verdict:
+    def _move(self, rows: Measurements, usable: list[bool], seconds: float) -> Verdict:
         """Takes in what passes the gates."""
-        estimator, z, h = self._filter, rows.z, rows.h
-        variance, whole = rows.at_once, all(usable.tolist())
-        first = self._rows.wheels
+        estimator, z, h, variance = self._filter, rows.z, rows.h, rows.at_once
+        first, whole = self._rows.wheels, all(usable)
         if not whole:
-            first = int(usable[:first].sum())
+            first = sum(usable[:first])
             z, h, variance = z[usable], h[usable], variance[usable]
         measured = estimator.expect(z, h)
         before = 1.0 + (self._pulled - 1.0) * math.exp(-seconds / SETTLING_S)
@@ -294,7 +290,8 @@ class Odometer:
             measured = estimator.expect(z, h)
             after = judge(measured.innovation, measured.spread, variance + extra)
             # What gyros contradict is told as it was before.
-            verdict = after._replace(
+            verdict = replace(
+                after,
                 innovation=after.innovation[:first] + verdict.innovation[first:],
                 sigma=after.sigma[:first] + verdict.sigma[first:],
             )
@@ -349,10 +346,10 @@ class Odometer:
             self._filter.turn_back(self._dispute.turned_rad)
         return extra
 
-    def _rest(self, rows: Measurements, usable: Bools, seconds: float) -> Verdict | None:
+    def _rest(self, rows: Measurements, usable: list[bool], seconds: float) -> Verdict | None:
         """Takes the robot to stand still; ``None`` if a gyro contradicts."""
         estimator, first = self._filter, self._rows.wheels
-        heard = usable[first:].tolist()
+        heard = usable[first:]
         off, sigma = self._off(rows, heard)
         contradicts = [
             abs(each) > GATE_SIGMAS * wide for each, wide in zip(off, sigma, strict=True)
@@ -371,51 +368,52 @@ class Odometer:
             gyros = [first + number for number, each in enumerate(heard) if each]
             z = np.concatenate((z, rows.z[gyros]))
             h = np.concatenate((h, rows.h[gyros]))
-            variance = np.concatenate((variance, rows.white[gyros]))
+            variance = np.concatenate((variance, [rows.white[each] for each in gyros]))
         estimator.correct(estimator.expect(z, h), variance, learn_bias=True)
-        innovation = [*rows.z[:first].tolist(), *off]
-        spread = [*np.sqrt(rows.white[:first]).tolist(), *sigma]
+        innovation = [*rows.values[:first], *off]
+        spread = [*map(math.sqrt, rows.white[:first]), *sigma]
         if usable is not self._rows.every:
-            used = usable.tolist()
-            innovation, spread = [*compress(innovation, used)], [*compress(spread, used)]
+            innovation, spread = [*compress(innovation, usable)], [*compress(spread, usable)]
         return Verdict([True] * len(innovation), innovation, spread)
 
     def _off(self, rows: Measurements, heard: list[bool]) -> tuple[list[float], list[float]]:
         """What each gyro shows beyond its bias, 0 where it is not used; and how far it may be."""
         first, estimator = self._rows.wheels, self._filter
-        biases, variances = estimator.x[FIRST_BIAS:], estimator.P.diagonal()[FIRST_BIAS:]
-        shown = (rows.z[first:] - biases).tolist()
-        off = [each if used else 0.0 for each, used in zip(shown, heard, strict=True)]
-        return off, np.sqrt(variances + rows.white[first:]).tolist()
+        biases = estimator.x[FIRST_BIAS:].tolist()
+        variances = estimator.P.diagonal()[FIRST_BIAS:].tolist()
+        shown = zip(rows.values[first:], biases, heard, strict=True)
+        off = [rate - bias if used else 0.0 for rate, bias, used in shown]
+        return off, [*map(math.sqrt, map(add, variances, rows.white[first:]))]
 
     def _watch_gyros(
-        self, rows: Measurements, usable: Bools, verdict: Verdict, step: Step, standing: bool
+        self, rows: Measurements, usable: list[bool], verdict: Verdict, step: Step, standing: bool
     ) -> None:
         """Holds each gyro against the yaw rate that the rest says, which its innovation leaves."""
         if self._gyros:
             first, x = self._rows.wheels, self._filter.x.tolist()
-            shown, used = rows.z[first:].tolist(), usable.tolist()
+            shown = rows.values[first:]
             for i, watch in enumerate(self._gyros.values()):
                 bias, others = x[FIRST_BIAS + i], x[OMEGA]
                 if standing:
                     others = 0.0  # else a bias that is learned looks like a turn
-                elif used[first + i]:
-                    at = sum(used[: first + i])  # among those that were judged
+                elif usable[first + i]:
+                    at = sum(usable[: first + i])  # among those that were judged
                     known = verdict.sigma[at] ** 2 < BLIND_VARIANCE[2]
                     others = shown[i] - bias - verdict.innovation[at] if known else math.nan
                 watch.step(step, others, shown[i], bias)
 
     def _odometry(
-        self, step: Step, rows: Measurements, usable: Bools, verdict: Verdict, standing: bool
+        self, step: Step, rows: Measurements, usable: list[bool], verdict: Verdict, standing: bool
     ) -> Odometry:
-        x, covariance = self._filter.x, self._filter.P.tolist()
-        variances = [row[i] for i, row in enumerate(covariance)]
+        x, covariance = self._filter.x.tolist(), self._filter.P.ravel().tolist()
+        size = len(x)
+        variances = covariance[:: size + 1]
         inputs = self._input_states(usable, verdict)
         reason = self._lost
         if any(map(gt, variances[TWIST], BLIND_VARIANCE)):
             reason = f"too few inputs: {_left_out(inputs)}"
         done, newest = step.end, self._alignment.newest or step.end
-        px, py, theta, vx, vy, omega, *biases = x.tolist()
+        px, py, theta, vx, vy, omega, *biases = x
         return Odometry(
             stamp=done,
             x=px,
@@ -424,8 +422,8 @@ class Odometer:
             vx=vx,
             vy=vy,
             omega=omega,
-            pose_covariance=[each for row in covariance[POSE] for each in row[POSE]],
-            twist_covariance=[each for row in covariance[TWIST] for each in row[TWIST]],
+            pose_covariance=_block(covariance, size, 0),
+            twist_covariance=_block(covariance, size, 3),
             valid=not reason,
             reason=reason,
             age_s=max(newest - done, 0) / 1e9,
@@ -439,7 +437,9 @@ class Odometer:
             inputs=inputs,
             slip=[
                 WheelSlip(name=name, along=_number(along), across=_number(across))
-                for name, (along, across) in zip(self._names, self._rows.slip(rows, x), strict=True)
+                for name, (along, across) in zip(
+                    self._names, self._rows.slip(rows, vx, vy, omega), strict=True
+                )
             ],
             excluded=self._excluded,
             discarded={
@@ -448,10 +448,10 @@ class Odometer:
             restarts=self._alignment.restarts,
         )
 
-    def _input_states(self, usable: Bools, verdict: Verdict) -> list[InputState]:
+    def _input_states(self, usable: list[bool], verdict: Verdict) -> list[InputState]:
         judged = zip(verdict.accepted, verdict.innovation, verdict.sigma, strict=True)
         states = []
-        for i, (name, used) in enumerate(zip(self._rows.names, usable.tolist(), strict=True)):
+        for i, (name, used) in enumerate(zip(self._rows.names, usable, strict=True)):
             if not used:
                 result: Result = "missing" if self._allowed[i] else "excluded"
                 state = InputState(name=name, result=result, rejections=self._rejections[i])
@@ -559,6 +559,16 @@ class Odometer:
         way = "on" if after > before else "back"
         self._lost = f"time went {way} by {seconds:.1f} s at once; the robot may have moved unseen"
         self._lost_until = after + ANEW_NS
+
+
+def _block(covariance: list[float], size: int, first: int) -> list[float]:
+    """Three rows and columns of a square matrix, row by row, from its numbers, row by row."""
+    at = first * (size + 1)
+    return [
+        *covariance[at : at + 3],
+        *covariance[at + size : at + size + 3],
+        *covariance[at + 2 * size : at + 2 * size + 3],
+    ]
 
 
 def _pose_unknown(reason: str) -> Complaint:

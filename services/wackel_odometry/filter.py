@@ -7,10 +7,10 @@ too, so the estimate does not lag behind the measurements.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
+from msgspec import Struct
 from scipy.linalg.lapack import dpotrf, dtrtri
 
 from wackel_kinematics.array import Bools, Floats
@@ -34,7 +34,7 @@ FASTEST = 1e3
 """m/s or rad/s; a twist beyond is a failure of the arithmetic."""
 
 
-class Expected(NamedTuple):
+class Expected(Struct, frozen=True, gc=False):
     """Measurements beside what the state says of them.
 
     Attributes:

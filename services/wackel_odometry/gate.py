@@ -2,9 +2,9 @@
 
 import math
 from operator import mul, truediv
-from typing import NamedTuple
 
 import numpy as np
+from msgspec import Struct
 
 from wackel_kinematics.array import Floats
 from wackel_odometry.filter import whitening
@@ -21,7 +21,7 @@ TOLD = 3
 """Numbers of a twist, which measurements decide themselves: the prediction leaves them open."""
 
 
-class Verdict(NamedTuple):
+class Verdict(Struct, frozen=True, gc=False):
     """What the gates say of each of m measurements.
 
     Single numbers: for some measurements, Python is faster with them than numpy.
@@ -89,7 +89,7 @@ def gate(
     return Verdict(accepted, alone, [math.sqrt(pulled / each) for each in own], pulled)
 
 
-class _LeftOut(NamedTuple):
+class _LeftOut(Struct, frozen=True, gc=False):
     """What measurements say beyond all others.
 
     Attributes:

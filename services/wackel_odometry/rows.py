@@ -8,15 +8,16 @@ which takes all errors for white, must count what stays as one sample in that ti
 """
 
 import math
+import struct
 from collections.abc import Collection, Mapping
-from struct import Struct
-from typing import NamedTuple
+from operator import add
 
 import numpy as np
+from msgspec import Struct
 
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
-from wackel_kinematics.array import Bools, Floats
+from wackel_kinematics.array import Floats
 from wackel_kinematics.planar import velocity_at
 from wackel_node.config_drive import DriveConfig, GyroConfig
 from wackel_odometry.filter import FIRST_BIAS, OMEGA, TWIST
@@ -35,27 +36,31 @@ SLIPPING = 0.05
 the others fall to 0.91 and 0.93 when one is blocked."""
 
 
-class Measurements(NamedTuple):
+class Measurements(Struct, frozen=True, gc=False):
     """All rows of a step; those without a value are NaN. Slide rows, roll rows, gyros.
 
+    Single numbers where they are few: Python is faster with them than numpy.
+
     Attributes:
-        z: Values, m/s and rad/s, shape (m,).
+        values: m/s and rad/s.
+        z: The same, shape (m,).
         h: Rows on the state, shape (m, 6 + g).
-        white: Variance of the white errors, shape (m,).
+        white: Variance of the white errors.
         at_once: Of all errors in this step, but of slip, shape (m,).
         lasting: Of all errors, with which those that stay count once in that time, shape (m,).
         most_pulled: By how much larger errors of wheels may be at most where these pull each other,
             as a factor, at least 1.
-        present: Which have a value, shape (m,).
+        present: Which have a value.
     """
 
+    values: list[float]
     z: Floats
     h: Floats
-    white: Floats
+    white: list[float]
     at_once: Floats
     lasting: Floats
     most_pulled: float
-    present: Bools
+    present: list[bool]
 
 
 class Rows:
@@ -64,7 +69,7 @@ class Rows:
     Attributes:
         names: Of the rows, as in messages.
         wheels: Number of rows of the wheels; those of the gyros follow.
-        every: All rows, shape (m,).
+        every: All rows.
         slide_of, roll_of: Number of each wheel's slide and roll row, -1 for none, shape (n,).
     """
 
@@ -83,42 +88,35 @@ class Rows:
         self.roll_of = np.full(drive.n, -1)
         self.slide_of[slides] = np.arange(len(slides))
         self.roll_of[rolls] = np.arange(len(rolls)) + len(slides)
+        self._slide_and_roll = list(zip(self.slide_of.tolist(), self.roll_of.tolist(), strict=True))
+        self._rows_of_wheel = [[row for row in both if row >= 0] for both in self._slide_and_roll]
         self._by_component = {
             **{component.gyro(name): [self.wheels + i] for i, name in enumerate(gyros)},
             **{
-                component.wheel_drive(name): _rows(self.roll_of[i])
-                for i, name in enumerate(layout.names)
+                component.wheel_drive(name): [roll] if roll >= 0 else []
+                for name, (_, roll) in zip(layout.names, self._slide_and_roll, strict=True)
             },
             **{
-                component.wheel_steering(name): _rows(self.slide_of[i], self.roll_of[i])
-                for i, name in enumerate(layout.names)
+                component.wheel_steering(name): rows
+                for name, rows in zip(layout.names, self._rows_of_wheel, strict=True)
             },
         }
-        self._rows_of_wheel = list(zip(self.roll_of.tolist(), self.slide_of.tolist(), strict=True))
-        self._gyros = slice(self.wheels, None)
         settings = list(gyros.values())
-        density = np.array([each.noise_density for each in settings])
+        self._density = [each.noise_density**2 for each in settings]
         # The difference of two positions, each off by up to half an encoder step.
         quantum = drive.roll_radius * config.encoder_step / math.sqrt(6)
-        # In every step, by 1/dt, by 1/dt², and what they creep; the first time without that.
-        white = np.zeros((2, len(self.names), 4))
-        white[:, : len(slides), 0] = CREEP**2
-        white[:, self._gyros, 1] = density**2
-        white[:, len(slides) : self.wheels, 2] = quantum**2
-        white[1, : self.wheels, 3] = 1.0
-        self._white = white.reshape(-1, 4)
-        self._share = np.concatenate(
-            [
-                np.full(len(slides), config.steering_error),
-                np.full(len(rolls), config.radius_error),
-                [each.scale_error for each in settings],
-            ]
-        )
-        slipping = self._share.copy()
-        np.maximum(slipping[: self.wheels], SLIPPING, out=slipping[: self.wheels])
-        self._share, self._slipping_share = self._share**2, slipping**2
-        self._no_slides, self._no_rolls = [0.0] * len(slides), [0.0] * len(rolls)
-        self._no_gyros = [0.0] * len(gyros)
+        self._quantum: list[float] = (quantum * quantum).tolist()
+        shares = [
+            *[config.steering_error] * len(slides),
+            *[config.radius_error] * len(rolls),
+            *(each.scale_error for each in settings),
+        ]
+        self._share = [share**2 for share in shares]
+        self._slipping_share = [
+            *(max(share, SLIPPING) ** 2 for share in shares[: self.wheels]),
+            *self._share[self.wheels :],
+        ]
+        self._no_slides, self._no_gyros = [0.0] * len(slides), [0.0] * len(gyros)
         self._steered = [i for i in slides if drive.steers[i]]
         # What lags is that of the wheel of a slide row, if it steers.
         self._lagging = [i if drive.steers[i] else None for i in slides]
@@ -129,11 +127,19 @@ class Rows:
         self._all_roll = min(self._roll_of_slide, default=0) >= 0
         self._slip = Slip(layout)
         count = len(self.names)
-        self._pack = Struct(f"{3 * count}d").pack
-        self.every: Bools = np.ones(count, dtype=np.bool_)
-        self._h = np.zeros((count, FIRST_BIAS + len(gyros)))
+        self._pack = struct.Struct(f"{3 * count}d").pack
+        self._pack_turns = struct.Struct(f"{2 * drive.n + 1}d").pack
+        self.every = [True] * count
+        h = np.zeros((2 * drive.n + 1, count, FIRST_BIAS + len(gyros)))
+        # The rows are sums of shares of the cosine and the sine of each wheel's heading.
+        ahead, left = drive.known_rows([0.0] * drive.n, [math.pi / 2] * drive.n)
+        h[drive.row_wheels, np.arange(self.wheels), TWIST] = ahead
+        h[drive.n + drive.row_wheels, np.arange(self.wheels), TWIST] = (
+            left - math.cos(math.pi / 2) * ahead
+        )
         for i in range(len(gyros)):
-            self._h[self.wheels + i, [OMEGA, FIRST_BIAS + i]] = 1.0
+            h[-1, self.wheels + i, [OMEGA, FIRST_BIAS + i]] = 1.0
+        self._by_heading = h.reshape(len(h), -1)
 
     def of_component(self, path: str) -> list[int] | None:
         """Rows that a component spoils; ``None`` if there is no such component."""
@@ -147,8 +153,7 @@ class Rows:
             twist: As last estimated, for the speed of wheels that measure none.
             slipping: Whether an actuator is faulty, so that the robot slips.
         """
-        drive, dt, count = self._drive, step.seconds, len(self.names)
-        # Single numbers: for some wheels, Python is faster with them than numpy.
+        dt, count = step.seconds, len(self.names)
         rates, told, turned = step.wheel_rate, step.heading, step.steered
         rolled = [radius * rates[i] for i, radius in self._radius_of]
         turning = step.gyro_rate
@@ -157,10 +162,6 @@ class Rows:
             heading[i] = told[i]
         # One sum tells whether anything is missing, which is rare.
         whole = math.isfinite(sum(rolled) + sum(turning) + sum(heading))
-        h = self._h.copy()
-        h[: self.wheels, TWIST] = (
-            drive.known_rows(heading)[0] if whole else drive.rows_along(np.array(heading))
-        )
         if whole and self._all_roll:
             sliding = [abs(rolled[row]) for row in self._roll_of_slide]
         else:
@@ -170,31 +171,53 @@ class Rows:
             0.0 if wheel is None else speed * turned[wheel] * late
             for speed, wheel in zip(sliding, self._lagging, strict=True)
         ]
-        # Twice as fast as to make an array of a list.
-        values = np.frombuffer(
-            self._pack(
-                *(*self._no_slides, *rolled, *turning),
-                # What errors are shares of, and what comes of lags.
-                *(*sliding, *rolled, *turning),
-                *(*lag, *self._no_rolls, *self._no_gyros),
-            )
-        )
-        z = values[:count]
-        square = values[count:] * values[count:]
+        white = [CREEP**2 + each * each for each in lag]
+        white += [each / dt**2 for each in self._quantum]
+        white += [each / dt for each in self._density]
+        shares = self._slipping_share if slipping else self._share
+        moved = (*sliding, *rolled, *turning)
+        systematic = [share * each * each for share, each in zip(shares, moved, strict=True)]
+        # Counted once already.
+        stays = max(SAME_MOTION_S / dt, 1.0) - 1.0
         creep = self._slip.creep(twist, dt) * max(LASTS_S / dt, 1.0)
-        both = self._white.dot((1.0, 1 / dt, 1 / dt**2, creep))
-        white, lasting = both[:count], both[count:]
-        white += square[count:]
-        lasting += square[count:]
-        systematic = square[:count]
-        systematic *= self._slipping_share if slipping else self._share
-        at_once = white + systematic
-        systematic *= max(SAME_MOTION_S / dt, 1.0)
-        lasting += systematic
+        at_once = [*map(add, white, systematic)]
+        lasting = [each + stays * same for each, same in zip(at_once, systematic, strict=True)]
+        for i in range(self.wheels):
+            lasting[i] += creep
+        values = [*self._no_slides, *rolled, *turning]
+        # Twice as fast as to make arrays of lists.
+        both = np.frombuffer(self._pack(*values, *at_once, *lasting))
         # By what a row that moves hardly is off at least.
         most_pulled = 1.0 + self._slip.pull(sliding, turned, dt) / CREEP**2
-        present = self.every if whole else np.isfinite(z + h[:, TWIST.start])
-        return Measurements(z, h, white, at_once, lasting, most_pulled, present)
+        h = self._rows_along(heading)
+        present = self.every
+        if not whole:
+            present = [
+                math.isfinite(value + share)
+                for value, share in zip(values, h[:, TWIST.start].tolist(), strict=True)
+            ]
+        return Measurements(
+            values,
+            both[:count],
+            h,
+            white,
+            both[count : 2 * count],
+            both[2 * count :],
+            most_pulled,
+            present,
+        )
+
+    def _rows_along(self, heading: list[float]) -> Floats:
+        """The rows on the state, of wheels that stand along headings; NaN where one is unknown."""
+        unknown = [i for i, each in enumerate(heading) if not math.isfinite(each)]
+        for i in unknown:
+            heading[i] = 0.0
+        turns = (*map(math.cos, heading), *map(math.sin, heading), 1.0)
+        h: Floats = np.frombuffer(self._pack_turns(*turns)).dot(self._by_heading)
+        h = h.reshape(len(self.names), -1)
+        for i in unknown:
+            h[self._rows_of_wheel[i], TWIST] = math.nan
+        return h
 
     def widened(self, measurements: Measurements, pulled: float, seconds: float) -> Floats:
         """The lasting variance with the slip of wheels that pull each other, shape (m,).
@@ -220,22 +243,23 @@ class Rows:
             for row, velocity in zip(self._roll_of_slide, contact, strict=True)
         ]
 
-    def slip(self, measurements: Measurements, state: Floats) -> list[tuple[float, float]]:
-        """(along, across) of each wheel in m/s in a state; NaN where it is not known."""
-        off = (measurements.z - measurements.h.dot(state)).tolist()
+    def slip(
+        self, measurements: Measurements, vx: float, vy: float, omega: float
+    ) -> list[tuple[float, float]]:
+        """(along, across) of each wheel in m/s at a twist; NaN where it is not known."""
+        off = [
+            value - x * vx - y * vy - turn * omega
+            for value, (x, y, turn) in zip(
+                measurements.values, measurements.h[: self.wheels, TWIST].tolist(), strict=False
+            )
+        ]
         return [
             (off[roll] if roll >= 0 else math.nan, -off[slide] if slide >= 0 else math.nan)
-            for roll, slide in self._rows_of_wheel
+            for slide, roll in self._slide_and_roll
         ]
 
 
-def _rows(*numbers: int) -> list[int]:
-    return [int(number) for number in numbers if number >= 0]
-
-
-def blocked(rows: Rows, components: Collection[str]) -> Bools:
-    """Which rows components spoil, shape (m,)."""
-    mask = np.zeros(len(rows.names), dtype=np.bool_)
-    for path in components:
-        mask[rows.of_component(path) or []] = True
-    return mask
+def blocked(rows: Rows, components: Collection[str]) -> list[bool]:
+    """Which rows components spoil."""
+    spoiled = {row for path in components for row in rows.of_component(path) or ()}
+    return [row in spoiled for row in range(len(rows.names))]

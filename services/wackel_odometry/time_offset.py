@@ -7,6 +7,8 @@ scale k and bias b, is k ω + b − d ω̇. The three are found by least squares
 import math
 from typing import NamedTuple
 
+from msgspec import Struct
+
 from wackel_kinematics.array import cofactors
 
 BLOCK_S = 0.05
@@ -29,7 +31,7 @@ class Offset(NamedTuple):
     sigma: float
 
 
-class _Block(NamedTuple):
+class _Block(Struct, frozen=True, gc=False):
     seconds: float
     wheels: float  # rad turned
     gyro: float
