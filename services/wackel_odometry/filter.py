@@ -58,8 +58,8 @@ def whitening(s: Floats) -> Floats:
     Args:
         s: Positive definite, shape (m, m).
     """
-    # LAPACK without numpy's or scipy's checks, which take longer than a matrix of this size; and
-    # for one, potri and trtrs take three times as long as this and products with it.
+    # LAPACK without the checks of numpy and scipy, which take longer than a matrix of this size. To
+    # invert or solve, potri and trtrs take longer than this and the products that it needs.
     white: Floats = dtrtri(dpotrf(s, 1)[0], 1)[0]
     return white
 

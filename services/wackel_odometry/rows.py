@@ -130,12 +130,11 @@ class Rows:
         self._pack = struct.Struct(f"{3 * count}d").pack
         self._pack_turns = struct.Struct(f"{2 * drive.n + 1}d").pack
         self.every = [True] * count
+        # Each row is so much of the cosine of its wheel's heading, so much of the sine, or itself.
         h = np.zeros((2 * drive.n + 1, count, FIRST_BIAS + len(gyros)))
-        # The rows are sums of shares of the cosine and the sine of each wheel's heading.
-        ahead, left = drive.known_rows([0.0] * drive.n, [math.pi / 2] * drive.n)
-        h[drive.row_wheels, np.arange(self.wheels), TWIST] = ahead
-        h[drive.n + drive.row_wheels, np.arange(self.wheels), TWIST] = (
-            left - math.cos(math.pi / 2) * ahead
+        rows, wheels = np.arange(self.wheels), drive.row_wheels
+        h[wheels, rows, TWIST], h[drive.n + wheels, rows, TWIST] = drive.known_rows(
+            [0.0] * drive.n, [math.pi / 2] * drive.n
         )
         for i in range(len(gyros)):
             h[-1, self.wheels + i, [OMEGA, FIRST_BIAS + i]] = 1.0
