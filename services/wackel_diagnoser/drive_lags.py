@@ -67,6 +67,21 @@ class DriveLags:
         self._state.T[:] = state
         self._waiting.clear()
 
+    def turn_faster(self, heading: list[float]) -> None:
+        """Steerings turn faster than was known. All that is tried has fallen behind, the shortest
+        lag the least; it begins anew where the wheels are.
+
+        Args:
+            heading: Of them, as the state, before the next step; NaN if not known.
+        """
+        if self._waiting:
+            self._move()
+        headings, _ = self._parts
+        tried = self._state[headings]
+        shown = np.array(heading)[:, None]
+        np.copyto(tried, shown, where=np.isfinite(shown))
+        self._misses[0] = 0.0
+
     def follow(self, goal: list[float], seconds: float, most: float) -> None:
         """A step has passed.
 

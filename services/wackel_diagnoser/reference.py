@@ -171,6 +171,8 @@ class Reference:
         rate = self._steering_rate.now
         if rate > before_rate:
             self._catch_up(rate - before_rate)
+            shown = self._shown(heading, step.wheel_rate)[:n]
+            self._lags.turn_faster([*map(sub, shown, [0.5 * each for each in step.steered])])
         most = rate * dt
         gap = [*map(sub, state, goal)]
         turns, hastens = gap[:n], gap[n:]
