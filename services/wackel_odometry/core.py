@@ -436,7 +436,7 @@ class Odometer:
             ],
             inputs=inputs,
             slip=[
-                WheelSlip(name=name, along=_number(along), across=_number(across))
+                WheelSlip(name=name, along=along, across=across)
                 for name, (along, across) in zip(
                     self._names, self._rows.slip(rows, vx, vy, omega), strict=True
                 )
@@ -592,7 +592,3 @@ def _shortened(names: list[str]) -> list[str]:
             wheel if wheels[wheel] > 1 else name for wheel, name in zip(whole, names, strict=True)
         )
     )
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -24,8 +24,8 @@ AGILITY = np.array([0.4, 0.4, 10.0])
 """Density of the twist's random walk, (m/s²)² s and (rad/s²)² s: 2 m/s² and 10 rad/s² kept up for
 0.1 s, a servo robot that starts or stops. The measurements of one step outweigh it by far, so it
 only says how much of the earlier twist is left to judge them by."""
-START_S = 0.1
-"""Of that random walk, by which a robot at rest may drive in the next step."""
+START = np.diag(AGILITY * 0.1)
+"""Of that random walk for 0.1 s, by which a robot at rest may drive in the next step."""
 UNKNOWN_TWIST = (1.0, 1.0, 4.0)
 """Squares of m/s, m/s and rad/s, that a robot may drive with of which nothing is known."""
 BIAS_TIME_S = 100.0
@@ -50,6 +50,20 @@ class Expected(Struct, frozen=True, gc=False):
     def only(self, kept: Bools) -> "Expected":
         """Some of them."""
         return Expected(self.innovation[kept], self.seen[kept], self.spread[np.ix_(kept, kept)])
+
+
+def with_variance(spread: Floats, variance: Floats) -> Floats:
+    """S = H P Hᵀ + R, of what is predicted and of errors that are independent.
+
+    Args:
+        spread: Shape (m, m).
+        variance: Diagonal of R, shape (m,).
+    """
+    s = spread.copy()
+    # In place: += of a slice would assign it once more.
+    diagonal = s.reshape(-1)[:: len(s) + 1]
+    diagonal += variance
+    return s
 
 
 def whitening(s: Floats) -> Floats:
@@ -103,7 +117,7 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
 
     def may_start(self) -> None:
         """The robot has stood, and may do so no more; nothing changes at once as much as then."""
-        self.P[TWIST, TWIST] += np.diag(AGILITY * START_S)
+        self.P[TWIST, TWIST] += START
 
     def turn_back(self, turned_rad: float) -> None:
         """It has turned by so much less than was thought, and does not turn as was thought."""
@@ -139,7 +153,8 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         f[0, 3], f[0, 4], f[0, 5] = cos, -sin, -dy * dt / 2
         f[1, 3], f[1, 4], f[1, 5] = sin, cos, dx * dt / 2
         f[2, 5] = dt
-        self.P.reshape(-1)[:: len(f) + 1] += self._walk * dt
+        variances = self.P.reshape(-1)[:: len(f) + 1]
+        variances += self._walk * dt
 
     def expect(self, z: Floats, h: Floats) -> Expected:
         """Holds measurements against the state.
@@ -164,8 +179,7 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
             learn_bias: Whether they may change the biases.
         """
         seen = measured.seen
-        s = measured.spread.copy()
-        s.reshape(-1)[:: len(s) + 1] += variance
+        s = with_variance(measured.spread, variance)
         white = whitening(s)
         root = white.dot(seen)
         change = white.dot(measured.innovation).dot(root)
@@ -176,7 +190,7 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
             change[FIRST_BIAS:] = 0.0
             known[FIRST_BIAS:, FIRST_BIAS:] = 0.0
         self.x += change
-        self.P = self.P - known
+        self.P -= known
 
     def sound(self) -> bool:
         """Whether the state is one: finite, of this world, with variances that are not negative."""

@@ -7,7 +7,7 @@ import numpy as np
 from msgspec import Struct
 
 from wackel_kinematics.array import Floats
-from wackel_odometry.filter import whitening
+from wackel_odometry.filter import whitening, with_variance
 
 GATE = 16.0
 """Square of the 4 standard deviations at which a measurement is rejected (facts: y² < 16 S): of
@@ -67,8 +67,7 @@ def gate(
         before: By how much larger variances have been of late, as a factor.
         most: And at most may be.
     """
-    s = spread.copy()
-    s.reshape(-1)[:: len(s) + 1] += variance
+    s = with_variance(spread, variance)
     told = _left_out(s, innovation)
     count = len(innovation)
     pulled = 1.0
@@ -112,6 +111,8 @@ def _left_out(s: Floats, y: Floats) -> _LeftOut:
     inverse = white.T.dot(white)
     weight = inverse.dot(y)
     weights = weight.tolist()
-    own = [max(each, LEAST_OWN) for each in inverse.diagonal().tolist()]
+    own: list[float] = inverse.diagonal().tolist()
+    if min(own) < LEAST_OWN:
+        own = [max(each, LEAST_OWN) for each in own]
     alone = [*map(truediv, weights, own)]
     return _LeftOut(weight, own, alone, [*map(mul, weights, alone)])

@@ -244,21 +244,27 @@ class Rows:
 
     def slip(
         self, measurements: Measurements, vx: float, vy: float, omega: float
-    ) -> list[tuple[float, float]]:
-        """(along, across) of each wheel in m/s at a twist; NaN where it is not known."""
-        off = [
-            value - x * vx - y * vy - turn * omega
-            for value, (x, y, turn) in zip(
-                measurements.values, measurements.h[: self.wheels, TWIST].tolist(), strict=False
+    ) -> list[tuple[float | None, float | None]]:
+        """(along, across) of each wheel in m/s at a twist; ``None`` where it is not known."""
+        rolled, h = measurements.values, measurements.h[: self.wheels, TWIST].tolist()
+        moved = [x * vx + y * vy + turn * omega for x, y, turn in h]
+        slips = [
+            (
+                rolled[roll] - moved[roll] if roll >= 0 else None,
+                moved[slide] if slide >= 0 else None,
             )
-        ]
-        return [
-            (off[roll] if roll >= 0 else math.nan, -off[slide] if slide >= 0 else math.nan)
             for slide, roll in self._slide_and_roll
         ]
+        if math.isfinite(sum(moved) + sum(rolled)):
+            return slips
+        return [(_number(along), _number(across)) for along, across in slips]
 
 
 def blocked(rows: Rows, components: Collection[str]) -> list[bool]:
     """Which rows components spoil."""
     spoiled = {row for path in components for row in rows.of_component(path) or ()}
     return [row in spoiled for row in range(len(rows.names))]
+
+
+def _number(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None
