@@ -90,7 +90,8 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         size = FIRST_BIAS + len(bias_sigma)
         super().__init__(dim_x=size, dim_z=1)
         self._bias_variance = np.square(bias_sigma)
-        self._walk = np.concatenate([np.zeros(3), AGILITY, bias_stability**2 / BIAS_TIME_S])
+        walk = [0.0] * 3 + [*AGILITY.tolist(), *(bias_stability**2 / BIAS_TIME_S).tolist()]
+        self._walk = [(at, density) for at, density in enumerate(walk) if density]
         self.seconds = 0.0
         self.restart()
 
@@ -153,8 +154,9 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         f[0, 3], f[0, 4], f[0, 5] = cos, -sin, -dy * dt / 2
         f[1, 3], f[1, 4], f[1, 5] = sin, cos, dx * dt / 2
         f[2, 5] = dt
-        variances = self.P.reshape(-1)[:: len(f) + 1]
-        variances += self._walk * dt
+        # Few enough that Python is faster with them than numpy.
+        for at, density in self._walk:
+            self.P[at, at] += density * dt
 
     def expect(self, z: Floats, h: Floats) -> Expected:
         """Holds measurements against the state.
