@@ -80,7 +80,7 @@ class DriveLags:
         tried = self._state[headings]
         shown = np.array(heading)[:, None]
         np.copyto(tried, shown, where=np.isfinite(shown))
-        self._misses[0] = 0.0
+        self._misses[0] = self._since_choice = 0.0
 
     def follow(self, goal: list[float], seconds: float, most: float) -> None:
         """A step has passed.

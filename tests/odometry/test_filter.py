@@ -69,7 +69,7 @@ def test_a_correction_is_that_of_filterpy() -> None:
 
 def test_considering_the_bias_is_josephs_form_with_its_gain_left_out() -> None:
     estimator, z, h, variance = prior()
-    x, covariance = estimator.x.copy(), estimator.P
+    x, covariance = estimator.x.copy(), estimator.P.copy()
     gain = covariance @ h.T @ np.linalg.inv(h @ covariance @ h.T + np.diag(variance))
     gain[FIRST_BIAS:] = 0.0
     rest = np.eye(7) - gain @ h
