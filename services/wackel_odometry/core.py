@@ -97,12 +97,10 @@ class Odometer:
             np.array([gyro.bias_limit / 3 for gyro in settings]),
             np.array([gyro.bias_stability for gyro in settings]),
         )
-        roll_wheels = layout.drive.roll_wheels
-        self._standstill = Standstill(roll_wheels, config.encoder_step, density)
+        self._standstill = Standstill(layout.drive.roll_wheels, config.encoder_step, density)
         self._at_rest = np.zeros((3, FIRST_BIAS + len(settings)))
         self._at_rest[:, TWIST] = np.eye(3)
         self._still, self._still_variance = np.zeros(3), REST_SIGMA**2
-        self._roll_rows: list[int] = self._rows.roll_of[roll_wheels].tolist()
         self._reports = Reports()
         self._inputs = InputWatch()
         buses = {bus for wheel in config.wheels for bus, _ in wheel.servos()}
@@ -189,7 +187,7 @@ class Odometer:
     def _block(self, components: Collection[str]) -> None:
         """Rows of these are not used."""
         allowed = self._allowed = [*map(not_, blocked(self._rows, components))]
-        self._believed = [allowed[row] for row in self._roll_rows], allowed[self._rows.wheels :]
+        self._believed = [allowed[row] for row in self._rows.rolls], allowed[self._rows.wheels :]
 
     def active(self) -> list[FaultReport]:
         """The faults that are active, in the order in which they began."""

@@ -70,7 +70,7 @@ class Rows:
         names: Of the rows, as in messages.
         wheels: Number of rows of the wheels; those of the gyros follow.
         every: All rows.
-        slide_of, roll_of: Number of each wheel's slide and roll row, -1 for none, shape (n,).
+        rolls: Numbers of the roll rows.
     """
 
     def __init__(
@@ -84,11 +84,11 @@ class Rows:
             *(component.gyro(name) for name in gyros),
         )
         self.wheels = len(slides) + len(rolls)
-        self.slide_of = np.full(drive.n, -1)
-        self.roll_of = np.full(drive.n, -1)
-        self.slide_of[slides] = np.arange(len(slides))
-        self.roll_of[rolls] = np.arange(len(rolls)) + len(slides)
-        self._slide_and_roll = list(zip(self.slide_of.tolist(), self.roll_of.tolist(), strict=True))
+        self.rolls = range(len(slides), self.wheels)
+        slide_of = dict(zip(slides, range(len(slides)), strict=True))
+        roll_of = dict(zip(rolls, self.rolls, strict=True))
+        # -1 for none.
+        self._slide_and_roll = [(slide_of.get(i, -1), roll_of.get(i, -1)) for i in range(drive.n)]
         self._rows_of_wheel = [[row for row in both if row >= 0] for both in self._slide_and_roll]
         self._by_component = {
             **{component.gyro(name): [self.wheels + i] for i, name in enumerate(gyros)},
@@ -116,7 +116,7 @@ class Rows:
             *(max(share, SLIPPING) ** 2 for share in shares[: self.wheels]),
             *self._share[self.wheels :],
         ]
-        self._no_slides, self._no_gyros = [0.0] * len(slides), [0.0] * len(gyros)
+        self._no_slides = [0.0] * len(slides)
         self._steered = [i for i in slides if drive.steers[i]]
         # What lags is that of the wheel of a slide row, if it steers.
         self._lagging = [i if drive.steers[i] else None for i in slides]
@@ -188,7 +188,8 @@ class Rows:
         both = np.frombuffer(self._pack(*values, *at_once, *lasting))
         # By what a row that moves hardly is off at least.
         most_pulled = 1.0 + self._slip.pull(sliding, turned, dt) / CREEP**2
-        h = self._rows_along(heading)
+        unknown = [] if whole else [i for i, at in enumerate(heading) if not math.isfinite(at)]
+        h = self._rows_along(heading, unknown)
         present = self.every
         if not whole:
             present = [
@@ -206,9 +207,9 @@ class Rows:
             present,
         )
 
-    def _rows_along(self, heading: list[float]) -> Floats:
-        """The rows on the state, of wheels that stand along headings; NaN where one is unknown."""
-        unknown = [i for i, each in enumerate(heading) if not math.isfinite(each)]
+    def _rows_along(self, heading: list[float], unknown: list[int]) -> Floats:
+        """The rows on the state, of wheels that stand along headings; NaN of those that are not
+        known."""
         for i in unknown:
             heading[i] = 0.0
         turns = (*map(math.cos, heading), *map(math.sin, heading), 1.0)
