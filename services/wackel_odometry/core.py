@@ -420,8 +420,8 @@ class Odometer:
             vx=vx,
             vy=vy,
             omega=omega,
-            pose_covariance=_block(covariance, size, 0),
-            twist_covariance=_block(covariance, size, 3),
+            pose_covariance=_submatrix(covariance, size, 0),
+            twist_covariance=_submatrix(covariance, size, 3),
             valid=not reason,
             reason=reason,
             age_s=max(newest - done, 0) / 1e9,
@@ -559,7 +559,7 @@ class Odometer:
         self._lost_until = after + ANEW_NS
 
 
-def _block(covariance: list[float], size: int, first: int) -> list[float]:
+def _submatrix(covariance: list[float], size: int, first: int) -> list[float]:
     """Three rows and columns of a square matrix, row by row, from its numbers, row by row."""
     at = first * (size + 1)
     return [

@@ -56,7 +56,7 @@ def with_variance(spread: Floats, variance: Floats) -> Floats:
     """S = H P Hᵀ + R, of what is predicted and of errors that are independent.
 
     Args:
-        spread: Shape (m, m).
+        spread: Shape (m, m); stays as it is.
         variance: Diagonal of R, shape (m,).
     """
     s = spread.copy()
@@ -71,6 +71,10 @@ def whitening(s: Floats) -> Floats:
 
     Args:
         s: Positive definite, shape (m, m).
+
+    Returns:
+        Lower triangular, shape (m, m). It is NaN where S has a NaN, and nonsense where S is not
+        positive definite; neither raises: :meth:`PlanarFilter.sound` finds it in the state.
     """
     # LAPACK without the checks of numpy and scipy, which take longer than a matrix of this size. To
     # invert or solve, potri and trtrs take longer than this and the products that it needs.

@@ -87,13 +87,14 @@ class Rows:
         self.rolls = range(len(slides), self.wheels)
         slide_of = dict(zip(slides, range(len(slides)), strict=True))
         roll_of = dict(zip(rolls, self.rolls, strict=True))
-        # -1 for none.
-        self._slide_and_roll = [(slide_of.get(i, -1), roll_of.get(i, -1)) for i in range(drive.n)]
-        self._rows_of_wheel = [[row for row in both if row >= 0] for both in self._slide_and_roll]
+        self._slide_and_roll = [(slide_of.get(i), roll_of.get(i)) for i in range(drive.n)]
+        self._rows_of_wheel = [
+            [row for row in both if row is not None] for both in self._slide_and_roll
+        ]
         self._by_component = {
             **{component.gyro(name): [self.wheels + i] for i, name in enumerate(gyros)},
             **{
-                component.wheel_drive(name): [roll] if roll >= 0 else []
+                component.wheel_drive(name): [] if roll is None else [roll]
                 for name, (_, roll) in zip(layout.names, self._slide_and_roll, strict=True)
             },
             **{
@@ -251,8 +252,8 @@ class Rows:
         moved = [x * vx + y * vy + turn * omega for x, y, turn in h]
         slips = [
             (
-                rolled[roll] - moved[roll] if roll >= 0 else None,
-                moved[slide] if slide >= 0 else None,
+                None if roll is None else rolled[roll] - moved[roll],
+                None if slide is None else moved[slide],
             )
             for slide, roll in self._slide_and_roll
         ]

@@ -62,6 +62,21 @@ def test_what_is_not_known_teaches_nothing() -> None:
     assert lags.used_s == before
 
 
+def test_a_steering_that_is_not_known_does_not_begin_anew_and_is_learnt_even_so() -> None:
+    """When it has turned faster than was known; another may have shown that."""
+    lags, lag_s, at = DriveLags(1, 1), 0.02, 0.0
+    lags.begin([at, 0.0])
+    for step in range(400):
+        begin, goal = at, 0.03 * (-1) ** (step // 37)
+        at += (at - goal) * math.expm1(-STEP_S / lag_s)
+        if step == 5:
+            lags.turn_faster([math.nan])
+        lags.follow([goal, 0.0], STEP_S, math.inf)
+        lags.learn([goal - lag_s / STEP_S * (at - begin), 0.0], STEP_S, BOTH, slowed=False)
+        lags.choose([at, 0.0])
+    assert lags.used_s[0] == pytest.approx(lag_s, rel=0.1)
+
+
 def test_a_lag_lies_within_those_that_are_tried() -> None:
     lags = DriveLags(1, 1)
     lags.begin([0.0, 0.0])
