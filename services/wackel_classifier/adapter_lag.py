@@ -77,8 +77,9 @@ class AdapterLag:
         tardy = bool(data) and _all_late_ns(transaction) >= HELD_NS
         if self._silent_ns is not None and (late or wrecks or tardy):
             self._held(now_ns - self._silent_ns, now_ns, transaction.stamp)
-        elif late:
-            self._held(HELD_NS, now_ns, transaction.stamp)
+        elif late or tardy:  # what has not come, it has lost
+            lag_ns = _all_late_ns(transaction) if tardy else HELD_NS
+            self._held(lag_ns, now_ns, transaction.stamp)
         if data:
             self._silent_ns = None
         elif self._silent_ns is None and present:
@@ -93,6 +94,11 @@ class AdapterLag:
         self._held_ns = now_ns
         until_ns = now_ns + EXCUSED_NS if lag_ns >= LATE_NS else now_ns
         self._excuses_until_ns = max(self._excuses_until_ns, until_ns)
+
+    @property
+    def stalls(self) -> int:
+        """How many of late have cost a cycle."""
+        return len(self._lags)
 
     def excuses(self, now_ns: int) -> bool:
         """Whether what has been missed until now was held back, too."""

@@ -442,7 +442,7 @@ class BusClassifier:
             self._timing.gone(position)
             self._frozen.gone(position)
         if jammers.permanent is None:
-            findings += self._losses.findings(now_ns)
+            findings += self._losses.findings(now_ns, stalls=self._adapter_lag.stalls)
         findings += self._timing.findings(now_ns, stamp)
         findings += self._adapter_lag.findings(now_ns)
         findings += self._alerts.findings(now_ns, self._supply.settled_ns)

@@ -27,7 +27,11 @@ class Lags:
         self._component = component
         self._confidence = confidence
         self._what = what
-        self._latest: deque[tuple[int, int, int]] = deque(maxlen=TIMES)  # time, lag, stamp
+        self._latest: deque[tuple[int, int, int]] = deque()  # time, lag, stamp
+
+    def __len__(self) -> int:
+        """How many there were of late, as last concluded from."""
+        return len(self._latest)
 
     def add(self, lag_ns: int, now_ns: int, stamp: int) -> None:
         """Something was late by ``lag_ns``; what costs no cycle does not count.
@@ -54,7 +58,7 @@ class Lags:
                 self._component,
                 self._confidence,
                 latest[0][2],
-                f"{self._what} up to {longest_ms:.1f} ms, {TIMES} times within "
+                f"{self._what} up to {longest_ms:.1f} ms, {len(latest)} times within "
                 f"{WINDOW_NS / 1e9:.0f} s",
                 {"longest_ms": round(longest_ms, 2)},
             )

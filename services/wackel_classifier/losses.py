@@ -54,6 +54,10 @@ CUTS_HOLD = 2
 told at once and to go on being told. Loss does not do that, only a servo that does not understand
 an instruction: at one in ten thousand, and 1000 requests in a window, that is 0.1 for all servos
 together, and four times at the same one of ten once in some hundred thousand hours."""
+HIDDEN_STALLS = 2
+"""Failures that are an adapter's doing, by how often it has shown that it stalls. One that loses
+all that it held back leaves nothing but silence: of those that stop for 30 ms, every third in the
+first seconds, while little is known of the bus, and every tenth later."""
 REJUDGE = 20
 """One in so many events must be new for another verdict: fewer hardly change it."""
 MOST_EVENTS = 2000
@@ -137,6 +141,8 @@ class Losses:
         if spoken:
             self._commit(event, stamp)
             return
+        if not (self._successes[event.position] or self._window_successes[event.position]):
+            return  # it has yet to come up, or the adapter has
         if self.waiting & ((1 << event.position) - 1):
             return  # what silences one nearer to the adapter may silence it, too
         pending = self._pending[event.position]
@@ -210,10 +216,15 @@ class Losses:
         self._slot += 1
         self._forget()
 
-    def findings(self, now_ns: int) -> list[Finding]:
-        """What the failures mean."""
+    def findings(self, now_ns: int, *, stalls: int) -> list[Finding]:
+        """What the failures mean.
+
+        Args:
+            now_ns: Classifier's time.
+            stalls: How often of late the adapter has shown that it held answers back.
+        """
         reconnecting = self._reconnecting()
-        findings = self._explain()
+        findings = self._explain(stalls)
         if reconnecting is not None:
             placed = [finding for finding in findings if finding.code == reconnecting.code]
             if reconnecting.confidence >= LIKELY or not placed:
@@ -343,12 +354,13 @@ class Losses:
             suspects = [chain.servo(0)]
         return self._loose(cable, confidence, suspects, summary, {"reconnects": count})
 
-    def _explain(self) -> list[Finding]:
+    def _explain(self, stalls: int) -> list[Finding]:
         recurring = max(self._cuts, default=0) >= (CUTS_HOLD if self._contact else CUTS)
         alarmed = recurring or any(test.alarmed for test in self._tests)
         sparks = len(self._strays) if len(self._events) >= SPARKS else 0
         sparking = sparks >= (1 if self._contact else SPARKS)
-        if not (alarmed or sparking):
+        of_adapter = len(self._events) <= HIDDEN_STALLS * stalls
+        if of_adapter or not (alarmed or sparking):
             self._contact = self._told = False
             self._code = None
             return []

@@ -302,6 +302,46 @@ def test_an_adapter_that_stalls_is_told_unless_a_servo_is_slow(late_ns: int, fir
     assert repeat(1200, bus.read_all) == []
 
 
+def test_an_adapter_that_stalls_and_loses_some_of_what_it_held_back_has_no_loose_contact() -> None:
+    bus = Bus(5)
+    repeat(20, bus.read_all)
+    active: set[tuple[str, str]] = set()
+    for _ in range(6):
+        chunk = Chunk(at_ns=25_000_000, data=answer(1) + answer(2))
+        bus.read_all(late_ns=23_000_000, chunks=[chunk])
+        active.update(repeat(30, bus.read_all))
+    assert active == {("adapter_lag", "bus/main/adapter")}
+
+
+@pytest.mark.parametrize(("shown", "codes"), [(3, {"adapter_lag"}), (0, {"loose_contact"})])
+def test_an_adapter_that_stalls_may_lose_all_that_it_held_back(shown: int, codes: set[str]) -> None:
+    bus = Bus(5)
+    repeat(20, bus.read_all)
+    late = Chunk(at_ns=25_000_000, data=b"".join(map(answer, bus.ids)))
+    for _ in range(shown):
+        bus.read_all(late_ns=23_000_000, chunks=[late])
+        repeat(30, bus.read_all)
+    active: set[str] = set()
+    for _ in range(6):
+        repeat(2, lambda: bus.read_all(b""))
+        for _ in range(20):
+            active.update(code for code, _ in bus.read_all())
+    assert active == codes
+
+
+@pytest.mark.parametrize("heard", [True, False])
+def test_silence_before_a_servo_has_come_up_is_no_failure(heard: bool) -> None:
+    bus = Bus(5)
+    if heard:
+        repeat(2, bus.read_all)
+    active: set[str] = set()
+    for _ in range(4):
+        repeat(2, lambda: bus.read_all(b""))
+        for _ in range(10):
+            active.update(code for code, _ in bus.read_all())
+    assert active == ({"loose_contact"} if heard else set())
+
+
 def test_a_bus_that_becomes_slower_does_not_stall() -> None:
     bus = Bus(3)
     chunk = Chunk(at_ns=16_000_000, data=b"".join(map(answer, bus.ids)))

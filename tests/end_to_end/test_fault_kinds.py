@@ -7,6 +7,7 @@ import signal
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from random import Random
 
 import msgspec
 import pytest
@@ -176,13 +177,13 @@ def test_an_adapter_that_stalls_is_named_and_no_cable(tmp_path: Path) -> None:
     """
     with robots.running(robots.chain(tmp_path, SERVOS), tmp_path) as robot:
         robot.wait(robot.ready, LIMIT_S)
-        pid = robot.pids()["virtual/main"]
+        pid, random = robot.pids()["virtual/main"], Random("stalls")
 
         def stall() -> None:
             os.kill(pid, signal.SIGSTOP)
             robot.listen(0.03)  # so long nothing answers: what is tested, not a wait
             os.kill(pid, signal.SIGCONT)
-            robot.listen(0.3)
+            robot.listen(random.uniform(0.3, 0.35))  # not in step with the cycle
 
         lag = Case("", None, "adapter_lag", "adapter")
         wait_until(lambda: lag.is_confirmed(robot, "main"), LIMIT_S, stall)
