@@ -144,10 +144,10 @@ class AllKept:
     def __init__(self) -> None:
         self.samples: dict[int, tuple[float | None, float | None]] = {}
         self.done = 0
+        self.needed = 0  # stamp of the first sample that a step after the last one needs
 
     def add(self, stamp: int, angle: float | None, rate: float | None) -> Arrival:
-        needed = max((s for s in self.samples if s <= self.done), default=0)
-        if stamp in self.samples and stamp >= needed:
+        if stamp in self.samples and stamp >= self.needed:
             return "repeated"
         newest = max(self.samples, default=-1)
         if stamp < newest and stamp <= self.done:
@@ -158,6 +158,7 @@ class AllKept:
     def pass_by(self, begin: int, end: int) -> tuple[float | None, float | None]:
         self.done = end
         stamps = sorted(self.samples)
+        self.needed = max((stamp for stamp in stamps if stamp <= end), default=0)
         if not stamps or stamps[0] > begin or stamps[-1] < end:
             return None, None
         first = max(stamp for stamp in stamps if stamp <= begin)
@@ -184,6 +185,13 @@ class AllKept:
             return told
         turns = round((next_angle - angle - (told or 0.0)) / TURN)
         return next_angle - angle - TURN * turns
+
+
+def test_a_sample_that_no_step_has_dropped_is_repeated_however_late() -> None:
+    track, kept = Track(), AllKept()
+    assert track.pass_by(0, 5 * MS) == kept.pass_by(0, 5 * MS)
+    for stamp, arrival in (0, "kept"), (5 * MS, "kept"), (0, "repeated"):
+        assert track.add(stamp, 0.0, None, 5 * MS) == arrival == kept.add(stamp, 0.0, None)
 
 
 @given(st.data())
