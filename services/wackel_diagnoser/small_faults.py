@@ -10,6 +10,7 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
+from operator import mul
 from typing import NamedTuple
 
 import numpy as np
@@ -57,12 +58,12 @@ AGREE = 3
 """Looks in a row that must name the same: those that a shock spoilt leave the first window."""
 SURER = 3.0
 """Logarithm of how much likelier another kind must be."""
-FORCED = 0.3
-"""Share of what calibration makes wheels contradict each other that shows otherwise than in other
-motions: which of them slip, friction decides. Tyres that creep share it alike; of hard ones, the
-one that is pulled most slips, and takes it all."""
-FORCED_YAW = 0.16
-"""The same of gyros, for what one wheel slips turns the robot the less the more wheels hold it."""
+FORCED = 0.7
+"""Share of what calibration makes wheels contradict each other that shows otherwise in another
+motion: which of them slip, friction decides, and how that turns the robot."""
+ANOTHER_RAD = 0.5
+"""Angle in the space of velocities (a yaw rate as a wheel's speed by it) at which a motion is
+another one, in which other wheels slip. The same way back is none: all slips turn round."""
 YIELDS = 0.2
 """Share by which a wheel slips whose motor is too fast, 0.1 to 0.3; drives give way by the rest."""
 ACCURATE = {
@@ -105,11 +106,13 @@ class _Look(NamedTuple):
     Attributes:
         told: Normal equations: information and, in the last column, right side, shape (P, P + 1).
         creep: Of all wheels, m/s.
+        another: How much of another motion has begun with it, 0 … 1.
         odd: Whether that is what noise hardly says.
     """
 
     told: Floats
     creep: float
+    another: float
     odd: bool
 
 
@@ -150,7 +153,6 @@ class SmallFaults:
         # By parameter: only rows on the twist contradict each other, less the three that it takes.
         self._forced = np.zeros(constants.count)
         self._forced[constants.kinds[0]] = FORCED**2
-        self._forced[constants.gyro] = FORCED_YAW**2
         self._forced /= max(rows.gyros.stop - 3, 1)
         self._scaling = Scaling(np.full(constants.count, 2.0), least=0.05)
         # Takes means over parameters of the same kind.
@@ -160,6 +162,9 @@ class SmallFaults:
         self._normal = np.zeros((constants.count, constants.count + 1))
         self._usual = np.zeros(constants.count)
         self._driven = 0
+        self._length_m = layout.drive.length_m
+        self._way: list[float] | None = None  # of the last motion, in the space of velocities
+        self._motions = 1.0  # in what has been learnt
         self.lag_s = self.gives_way = 0.0
         self._configured = rows.configured
         self.calibration: Floats = UNKNOWN**2 * rows.configured
@@ -180,6 +185,7 @@ class SmallFaults:
         # Of each window, sums of what its looks say.
         self._told = np.zeros((len(WINDOWS), *self._normal.shape))
         self._creep = [0.0] * len(WINDOWS)
+        self._motions_told = [1.0] * len(WINDOWS)
 
     def step(self, shown: Shown, *, calm: bool) -> None:
         """Takes in a step; ``calm``: nothing is suspected otherwise."""
@@ -197,14 +203,35 @@ class SmallFaults:
             seconds, creep = self._look_s, self._crept / self._look_s
             self._blocks, self._look_s, self._crept = [], 0.0, 0.0
             moving = shown.measured.speed > MOVING_M_S
-            self._take(told, creep, seconds, calm=calm, moving=moving)
+            another = self._begun(shown.measured.followed)
+            self._take(told, creep, another, seconds, calm=calm, moving=moving)
+
+    def _begun(self, twist: list[float]) -> float:
+        """How much of another motion the robot has begun since the last look, 0 … 1."""
+        vx, vy, omega = twist
+        way = vx, vy, omega * self._length_m
+        speed = math.hypot(*way)
+        if not speed > MOVING_M_S:  # as one that is not known
+            return 0.0
+        before, self._way = self._way, [each / speed for each in way]
+        if before is None:
+            return 0.0
+        along = abs(sum(map(mul, before, self._way)))
+        return min(math.acos(min(along, 1.0)) / ANOTHER_RAD, 1.0)
 
     def _take(
-        self, told: Floats, creep: float, seconds: float, *, calm: bool, moving: bool
+        self,
+        told: Floats,
+        creep: float,
+        another: float,
+        seconds: float,
+        *,
+        calm: bool,
+        moving: bool,
     ) -> None:
         """Looks once."""
         normal, scaling = self._normal, self._scaling
-        known = normal / (1.0 + self._forced_slip(normal, self._usual))[:, None]
+        known = normal / (1.0 + self._forced_slip(normal, self._usual) / self._motions)[:, None]
         covariance: Floats = np.asarray(np.linalg.inv(known[:, :-1] + self._prior))
         usual = self._usual = covariance @ known[:, -1]
         information = told[:, :-1]
@@ -215,11 +242,11 @@ class SmallFaults:
         heard = of_it > 1e-3 * self._constants.prior
         told /= (self._alike @ scaling.factors)[:, None]
         odd = max(squares.tolist()) > SURE * max(scaling.factors.tolist())
-        look = _Look(told, creep, odd)
+        look = _Look(told, creep, another, odd)
         young = self._driven < DELAY
         if young:
             if calm and not look.odd:
-                self._learn(told, seconds)
+                self._learn(look, seconds)
                 self._driven += moving
             top = 0.0
         else:
@@ -228,7 +255,7 @@ class SmallFaults:
             if len(self._looks) > DELAY:
                 old = self._looks.popleft()
                 if calm and top < SUSPECTED and not old.odd:
-                    self._learn(old.told, seconds)
+                    self._learn(old, seconds)
         if calm and top < SUSPECTED:
             scaling.learn(squares, heard, seconds)
             self.lag_s = min(max(float(usual[self._constants.steering_lag]), EARLIEST_S), LATEST_S)
@@ -241,7 +268,8 @@ class SmallFaults:
     def _forced_slip(self, told: Floats, usual: Floats) -> Floats:
         """Variance of the slip that calibration forces, by that of noise, for each parameter.
 
-        It does not become less with time: as long as the motion is the same, so is the slip.
+        It does not become less with time: as long as the motion is the same, so is the slip. Where
+        motions are several, it is so much less.
 
         Args:
             told: Normal equations, shape (..., P, P + 1).
@@ -251,9 +279,11 @@ class SmallFaults:
         contradiction = np.vecdot(told[..., :wheels, :wheels] @ errors, errors)
         return np.asarray(contradiction[..., None] * self._forced)
 
-    def _learn(self, told: Floats, seconds: float) -> None:
-        self._normal *= 1.0 - min(1.0, seconds / NORMAL_S)
-        self._normal += told
+    def _learn(self, look: _Look, seconds: float) -> None:
+        kept = 1.0 - min(1.0, seconds / NORMAL_S)
+        self._normal *= kept
+        self._normal += look.told
+        self._motions = max(kept * self._motions + look.another, 1.0)
 
     def _add(self, look: _Look) -> None:
         """To the windows, from which others fall out."""
@@ -261,11 +291,13 @@ class SmallFaults:
         self._told += look.told
         for at, length in enumerate(WINDOWS):
             self._creep[at] += look.creep
+            self._motions_told[at] += look.another
             if len(self._looks) > length:
                 old = self._looks[-1 - length]
                 told = self._told[at]
                 told -= old.told
                 self._creep[at] -= old.creep
+                self._motions_told[at] -= old.another
 
     def _search(self, usual: Floats, covariance: Floats) -> float:
         """Follows what is found; returns the square of the surest change, by its variance."""
@@ -281,7 +313,7 @@ class SmallFaults:
         unsure = covariance + np.outer(with_it, with_it) + self._accurate + creep * self._creeping
         errors, wheels = usual[: self._wheels], range(self._wheels)
         unsure[:, wheels, wheels] += SHIFTS**2 * errors.dot(errors) / self._wheels
-        forced = self._forced_slip(self._told, usual)
+        forced = self._forced_slip(self._told, usual) / np.array(self._motions_told)[:, None]
         tests = _Tests(self._changes, self._told, usual, unsure, forced)
         if found is not None and self._ended(tests, found):
             self.forget()

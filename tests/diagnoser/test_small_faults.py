@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from tests.diagnoser.fleet import Member
 from tests.diagnoser.rig import GYRO, Rig
 from tests.odometry.simulation import differential_drive, steered_drive
 from wackel_diagnoser.constants import Constants, Shown
@@ -190,6 +191,16 @@ def test_drives_that_give_way_are_no_fault_on_the_next_circle(number: int) -> No
     rig = Rig.of(f"soft/{number}", 3, driving="circles", build=soft, shown=False)
     rig.drive(75.0)
     assert not rig.reports
+
+
+@pytest.mark.parametrize(("number", "seconds"), [(1437, 175.0), (816, 270.0)])
+def test_what_few_motions_have_shown_does_not_tell_how_another_turns_the_robot(
+    number: int, seconds: float
+) -> None:
+    """Circles one after the other: half a minute of each teaches little more than a moment."""
+    rig = Member.of("a46d9a97bf9aef70", number).rig()
+    rig.drive(seconds)
+    assert rig.reports == []
 
 
 def test_what_stands_is_no_small_fault() -> None:
