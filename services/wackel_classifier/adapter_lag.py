@@ -74,12 +74,12 @@ class AdapterLag:
             self._silent_ns = None
         # Answers that collided when all went on are no packets.
         wrecks = not transaction.instruction and len(data) >= STATUS_BYTES
-        tardy = bool(data) and _all_late_ns(transaction) >= HELD_NS
+        lag_ns = _all_late_ns(transaction) if data else 0
+        tardy = lag_ns >= HELD_NS
         if self._silent_ns is not None and (late or wrecks or tardy):
             self._held(now_ns - self._silent_ns, now_ns, transaction.stamp)
         elif late or tardy:  # what has not come, it has lost
-            lag_ns = _all_late_ns(transaction) if tardy else HELD_NS
-            self._held(lag_ns, now_ns, transaction.stamp)
+            self._held(max(lag_ns, HELD_NS), now_ns, transaction.stamp)
         if data:
             self._silent_ns = None
         elif self._silent_ns is None and present:

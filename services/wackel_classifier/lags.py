@@ -7,6 +7,8 @@ from wackel_classifier.findings import Finding
 LATE_NS = 5_000_000
 """A whole cycle at 200 Hz."""
 TIMES = 3
+MOST = 50
+"""Five a second are as bad as more; bounds memory where stamps stand still."""
 WINDOW_NS = 10_000_000_000
 """A computer that does much else is late now and then, once in minutes; so often control suffers.
 """
@@ -27,7 +29,7 @@ class Lags:
         self._component = component
         self._confidence = confidence
         self._what = what
-        self._latest: deque[tuple[int, int, int]] = deque()  # time, lag, stamp
+        self._latest: deque[tuple[int, int, int]] = deque(maxlen=MOST)  # time, lag, stamp
 
     def __len__(self) -> int:
         """How many there were of late, as last concluded from."""

@@ -56,8 +56,9 @@ an instruction: at one in ten thousand, and 1000 requests in a window, that is 0
 together, and four times at the same one of ten once in some hundred thousand hours."""
 HIDDEN_STALLS = 2
 """Failures that are an adapter's doing, by how often it has shown that it stalls. One that loses
-all that it held back leaves nothing but silence: of those that stop for 30 ms, every third in the
-first seconds, while little is known of the bus, and every tenth later."""
+all that it held back leaves nothing but silence, or a wreck where that collides with what is asked
+next: of those that stop for 30 ms, every third in the first seconds, while little is known of the
+bus, and every tenth later. It does not let pass what comes from before the same servo each time."""
 REJUDGE = 20
 """One in so many events must be new for another verdict: fewer hardly change it."""
 MOST_EVENTS = 2000
@@ -359,7 +360,7 @@ class Losses:
         alarmed = recurring or any(test.alarmed for test in self._tests)
         sparks = len(self._strays) if len(self._events) >= SPARKS else 0
         sparking = sparks >= (1 if self._contact else SPARKS)
-        of_adapter = len(self._events) <= HIDDEN_STALLS * stalls
+        of_adapter = not recurring and len(self._events) <= HIDDEN_STALLS * stalls
         if of_adapter or not (alarmed or sparking):
             self._contact = self._told = False
             self._code = None

@@ -60,7 +60,9 @@ SURER = 3.0
 """Logarithm of how much likelier another kind must be."""
 FORCED = 0.7
 """Share of what calibration makes wheels contradict each other that shows otherwise in another
-motion: which of them slip, friction decides, and how that turns the robot."""
+motion: which of them slip, friction decides, and how that turns the robot. From 0.5 on, robots that
+drive circle after circle are not accused; at 1, one jump in fifty of a gyro by 0.02 rad/s to 0.03
+is missed."""
 ANOTHER_RAD = 0.5
 """Angle in the space of velocities (a yaw rate as a wheel's speed by it) at which a motion is
 another one, in which other wheels slip. The same way back is none: all slips turn round."""
