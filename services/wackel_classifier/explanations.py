@@ -24,6 +24,7 @@ _ALSO = {
     "latency_timer": frozenset(
         ("stray_data", "packet_loss", "loose_contact", "noise", "unexpected_servo", "duplicate_id")
     ),
+    "adapter_lag": frozenset(("stray_data",)),  # what it held back collides with what is asked next
     "duplicate_id": frozenset(("stray_data",)),
     "low_supply": frozenset(("undervoltage",)),
     "lost_signal": frozenset(("stray_data", "packet_loss")),

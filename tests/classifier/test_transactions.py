@@ -334,6 +334,20 @@ def test_an_adapter_that_stalls_may_lose_all_that_it_held_back(shown: int, codes
     assert told_of_silences(bus, 6, 20) == codes
 
 
+@pytest.mark.parametrize(("late_ns", "code"), [(23_000_000, "adapter_lag"), (0, "stray_data")])
+def test_what_collides_when_a_stalled_adapter_goes_on_is_explained(late_ns: int, code: str) -> None:
+    bus = Bus(5)
+    repeat(20, bus.read_all)
+    whole = b"".join(map(answer, bus.ids))
+    told: set[str] = set()
+    for _ in range(6):
+        bus.read_all(late_ns=late_ns, chunks=[Chunk(at_ns=1_500_000 + late_ns, data=whole)])
+        bus.read_all(whole + b"\x31\x2b\xe1\xf6\x5a")
+        for _ in range(70):
+            told.update(code for code, _ in bus.read_all())
+    assert told == {code}
+
+
 @pytest.mark.parametrize("stalls", [0, 3])
 def test_a_cable_that_cuts_off_the_same_servos_is_loose_though_the_adapter_stalls(
     stalls: int,
