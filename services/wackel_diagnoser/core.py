@@ -234,7 +234,8 @@ class Diagnoser:
         target = self._reference.step(step, seconds * lags_every if often else 0.0)
         learning = often and self._steps_made % every == 0
         learnt_s = seconds * every if learning else 0.0
-        measured = rows.measure(step, target, self._bias.value, self._efforts.loads)
+        currents = self._efforts.currents
+        measured = rows.measure(step, target, self._bias.value, currents)
         if measured.skids:
             self._astray = step.end
         looked = self._look(measured, seconds, known=target.known)
@@ -252,7 +253,6 @@ class Diagnoser:
         )
         if learning:
             self._learn(measured, learnt_s, moving)
-        currents = self._efforts.currents
         # A steering that shows something else than it is told would be taken for a wrong zero.
         if (
             not young
@@ -260,11 +260,11 @@ class Diagnoser:
             and self._references.step(step, target, measured, currents)
         ):
             self._correct()
-        shown = Shown(step, target, measured, self._bias.value, currents)
+        shown = Shown(step, target, measured, self._bias.value, currents, self._reference.lags_s[1])
         self._history.add(step, target, measured)
         # While lags are not known, they would be taken for what drives yield.
         self._small.step(shown, calm=calm and not young)
-        rows.lag_s, rows.gives_way = self._small.lag_s, self._small.gives_way
+        rows.lag_s, rows.following = self._small.lag_s, self._small.following
         if learning:
             self._adopt()
         self._watch_gyros(step.end, measured)
@@ -366,7 +366,7 @@ class Diagnoser:
 
     def _adopt(self) -> None:
         """What has been learnt goes into the rows."""
-        self._references.adopt(self._small.gives_way)
+        self._references.adopt(self._small.following.gives_way)
         self._rows.adopt(
             self._small.calibration, biases=self._bias.variance, scales=self._scaling.factors
         )

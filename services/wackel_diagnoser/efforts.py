@@ -217,21 +217,8 @@ class Efforts:
         """Of the rolling motors, as last read, A or share of load; NaN if unknown."""
         return self._current[: self._rolls]
 
-    def loads(self, seconds: float, speeds: list[float], turning: list[float]) -> list[float]:
-        """What each rolling motor pushes beyond what driving needs; 0 if unknown.
-
-        Args:
-            seconds: Since the last step.
-            speeds: At which each should roll, m/s.
-            turning: How much of that is for the robot's turning, m/s.
-        """
-        loads = self._pushes(seconds, speeds, turning)
-        if math.isfinite(sum(loads)):
-            return loads
-        return [load if math.isfinite(load) else 0.0 for load in loads]
-
     def _pushes(self, seconds: float, speeds: list[float], turning: list[float]) -> list[float]:
-        """As :meth:`loads`; NaN if unknown."""
+        """What each rolling motor pushes beyond what driving needs; NaN if unknown."""
         # Single numbers: for some motors, Python is faster with them than numpy.
         friction, mass, more, _ = self._needs
         mass, more = mass / seconds, more / seconds

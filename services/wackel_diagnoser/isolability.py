@@ -100,7 +100,7 @@ class Isolability:
         rows = Rows(self._layout, self._config, self._gyros)
         rows.adopt(rows.configured)  # as driving will have shown
         for _ in range(2):  # the fault lasts: nothing has just jumped
-            measured = rows.measure(step, target, bias, lambda *_: unloaded)
+            measured = rows.measure(step, target, bias, unloaded)
         variance, _, size = measured.spread()
         likelihood = self._bank.evaluate(measured.z, measured.h, variance, size)
         hypotheses = self._hypotheses

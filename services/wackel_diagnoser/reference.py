@@ -35,10 +35,16 @@ ALIGNED_RAD = 0.1
 """Wheels that have to turn by more than that slow each other down."""
 FASTEST = 20.0
 """m/s and rad/s; no robot on servos does more, and nothing larger is a command."""
+AS_FAST = 0.9
+"""Share of its fastest from which a steering turns as fast as it can; stamps are a little off."""
 _MOST_WAITING = 64
 _QUARTER = math.pi / 2  # of a turn
+FAR_RAD = _QUARTER
+"""How far one that turns so may still be from a goal that is not known: a command is never further
+off, but many that follow each other may have moved it on."""
 
 Twist: TypeAlias = tuple[float, float, float]
+_NO_TWIST: Twist = (math.nan, math.nan, math.nan)
 
 
 class Target(msgspec.Struct, frozen=True, gc=False):
@@ -48,7 +54,8 @@ class Target(msgspec.Struct, frozen=True, gc=False):
         heading: Direction of each wheel, rad to the left of forward; not wrapped, on the side on
             which the wheel stands.
         turned: How far each was steered meanwhile, rad.
-        heading_gap: How far the heading still was from the command, rad, of each wheel.
+        heading_gap: How far the heading still was from the command, rad, of each wheel; where that
+            is not known, how far it may be at least, since it turns as fast as it can.
         speed: Rolling speed of each roll row, m/s.
         speed_gap: How far that still was from the command, m/s, of each roll row.
         speed_late: Derivative of that by the logarithm of the lag: a tenth of it is by how much the
@@ -108,12 +115,11 @@ class Reference:
         self._late = [0.0] * len(self._rolls)
         self._lags = DriveLags(n, len(self._rolls))
         self._steering_rate = SteeringRate(n, config.encoder_step)
+        self._rate = self._steering_rate.now  # with which they were followed last
         self._fast_s = [0.0] * n  # for how long each turns as fast as it can
         unknown, none = [math.nan] * n, [math.nan] * len(self._rolls)
         still = [0.0] * len(self._rolls)
-        self._unknown = Target(
-            unknown, unknown, [0.0] * n, none, still, still, unknown, (math.nan,) * 3, known=False
-        )
+        self._nowhere = unknown, none, still
 
     @property
     def lags_s(self) -> tuple[float, float]:
@@ -155,10 +161,11 @@ class Reference:
         self._times.pass_to(step.begin)
         if missed and max(map(abs, map(sub, self._goal[: self._n], before))) > EITHER_RAD:
             self._times.doubt(step.begin)
+        self._steering_rate.step(step.steered, step.seconds)
         steered = (step.steered[i] for i in self._steered)
         if not self._times.is_known(step.begin, steered, step.seconds):
             self._known = False
-            return self._unknown
+            return self._unknown(step)
         heading = step.heading
         if not self._known:
             self._start(heading, step.wheel_rate)
@@ -169,9 +176,8 @@ class Reference:
         for i in self._steered:
             if not -_QUARTER <= heading[i] - state[i] - math.pi * halves[i] <= _QUARTER:
                 self._turn_half_round(i, heading[i] - state[i])
-        before_rate = self._steering_rate.now
-        self._steering_rate.step(step.steered, dt)
-        rate = self._steering_rate.now
+        before_rate, rate = self._rate, self._steering_rate.now
+        self._rate = rate
         if rate > before_rate:
             self._catch_up(rate - before_rate)
             if rate > FASTER * before_rate:
@@ -205,6 +211,12 @@ class Reference:
             goal[:n],
             self._twist,
         )
+
+    def _unknown(self, step: Step) -> Target:
+        fast = AS_FAST * self._steering_rate.now * step.seconds
+        gap = [FAR_RAD if abs(each) > fast else 0.0 for each in step.steered]
+        heading, speed, still = self._nowhere
+        return Target(heading, heading, gap, speed, still, still, heading, _NO_TWIST, known=False)
 
     def _move(self, gap: list[float], dt: float, most: float) -> tuple[list[float], list[float]]:
         """Headings and speeds follow the goal.
@@ -271,6 +283,7 @@ class Reference:
         self._state = heading + self._goal[self._n :]
         self._state = _known(self._shown(shown, rates), self._state)
         self._lags.begin(self._state)
+        self._fast_s = [0.0] * self._n
         self._known = True
 
     def _turn_half_round(self, wheel: int, off: float) -> None:

@@ -8,7 +8,7 @@ calibration: it is constant, so that hours of one motion say nothing of the next
 """
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise, repeat
 from operator import add, mul, sub
 from struct import Struct
@@ -102,8 +102,8 @@ class Measured(msgspec.Struct, frozen=True, gc=False):
         spread: By how much they may be off. It is worked out when somebody asks for it, which in
             most steps nobody does.
         rolled: What each roll row measured, m/s.
-        yielded: By how much each drive is faster than its reference (mostly slower) for what it
-            pushes, which has been taken off, m/s, shape (roll rows,).
+        yielded: By how much each drive is usually faster than its reference (mostly slower), which
+            has been taken off, m/s, shape (roll rows,).
         speed: The fastest wheel's, m/s.
         creep: How much all wheels slip by their load, m/s.
         skids: Whether they are asked for more than tyres hold.
@@ -126,6 +126,20 @@ class Measured(msgspec.Struct, frozen=True, gc=False):
     turning: list[float]
 
 
+class Following(NamedTuple):
+    """How drives follow their references, beyond what those know.
+
+    Attributes:
+        off: By how much each is faster, as a share, shape (roll rows,).
+        gives_way: By how much they are slower for what they push, m/s by A or share of load.
+        late_s: By how much they are later; mostly negative, since what they push makes them so.
+    """
+
+    off: list[float]
+    gives_way: float
+    late_s: float
+
+
 class Rows:
     """Makes them.
 
@@ -134,7 +148,7 @@ class Rows:
             ``…/rolling`` (against the references).
         slides, rolls, gyros, steering, rolling: Where each kind stands among the rows.
         lag_s: By how much wheels follow later than their steering's encoders show.
-        gives_way: By how much drives are slower for what they push, m/s by A or share of load.
+        following: How drives follow their references.
         every: Of all rows, that they are there.
         configured: Squares of the shares by which slide and roll rows (of speed) and gyros (of
             their rate) may be off.
@@ -217,11 +231,12 @@ class Rows:
         wrong = per_row((config.steering_error, config.radius_error, scale, 0.0, 0.0))[:, 0]
         self.configured: Floats = wrong[: self.gyros.stop] ** 2
         self._mounted: list[float] = drive.heading(np.zeros(drive.n)).tolist()
-        self._zeros, self.lag_s, self.gives_way = [0.0] * drive.n, 0.0, 0.0
-        self._h = np.zeros((self.count, 3))
+        self._zeros, self._h = [0.0] * drive.n, np.zeros((self.count, 3))
         self._h[self.gyros, 2] = 1.0
         self._constraints = len(slides) + len(rolls)
         self._no_slides, self._no_rolls = [0.0] * len(slides), [0.0] * len(rolls)
+        self.lag_s, self.following = 0.0, Following(self._no_rolls, 0.0, 0.0)
+        self._before: list[float] | None = None  # what wheels should have rolled at, if known
         self._no_gyros, self._no_steering = [0.0] * len(settings), [0.0] * len(steered)
         self._tyres = Tyres(drive)
         # For when no command tells.
@@ -279,7 +294,7 @@ class Rows:
         step: Step,
         target: Target,
         bias: Floats,
-        loads: Callable[[float, list[float], list[float]], Iterable[float]],
+        currents: list[float],
     ) -> Measured:
         """The rows of a step.
 
@@ -287,8 +302,7 @@ class Rows:
             step: What the sensors said.
             target: What the wheels should have done.
             bias: Of each gyro, rad/s.
-            loads: What each rolling motor pushes, A or share of load, 0 if unknown: see
-                :meth:`Efforts.loads <wackel_diagnoser.efforts.Efforts.loads>`.
+            currents: Of the rolling motors, A or share of load; NaN if unknown.
         """
         # Single numbers: for some wheels, Python is faster with them than numpy.
         drive, steered, zeros = self._drive, self._steered, self._zeros
@@ -311,16 +325,17 @@ class Rows:
             off = [heading[i] - told[i] for i in steered]
             rows = drive.known_rows(stands, aimed) if whole else _any_rows(drive, stands, aimed)
             forced, mean, made = self._tyres.slip(rows[1], speeds)
-            present, followed, way = self.every, made, -self.gives_way
+            present, followed = self.every, made
             turning_rolls = [lever * made[2] for lever in rows[1][self.rolls, 2].tolist()]
-            yielded = [way * load for load in loads(dt, speeds, turning_rolls)]
+            yielded = self._yielded(speeds, currents, dt)
             missed = [*map(sub, map(sub, rolled, speeds), yielded)]
-            self._untold_drives.told(stands, rolled, dt)
+            self._untold_drives.told(stands, target.heading_gap, rolled, dt)
         else:
             rows = drive.known_rows(stands) if whole else _any_rows(drive, stands)
-            forced, mean, made = self._untold_slip(rows[0], stands, rolled, dt)
+            forced, mean, made = self._untold_slip(rows[0], stands, target.heading_gap, rolled, dt)
             off, present, followed = self._no_steering, self._untold, _NO_TWIST
             missed = speeds = yielded = turning_rolls = self._no_rolls
+            self._before = None
         h = self._h.copy()
         h[: self._constraints] = rows[0]
         z = [*self._no_slides, *rolled, *turning, *off, *missed]
@@ -397,18 +412,37 @@ class Rows:
             turning_rolls,
         )
 
+    def _yielded(self, speeds: list[float], currents: list[float], dt: float) -> list[float]:
+        """By how much each drive is usually faster than it should, m/s."""
+        # Single numbers: for some wheels, Python is faster with them than numpy.
+        off, way, late_s = self.following
+        before, self._before = self._before or speeds, speeds
+        late = late_s / dt
+        if not math.isfinite(sum(currents)):
+            currents = [each if math.isfinite(each) else 0.0 for each in currents]
+        return [
+            share * now - way * amperes - late * (now - then)
+            for share, now, then, amperes in zip(off, speeds, before, currents, strict=True)
+        ]
+
     def _untold_slip(
-        self, rows: Floats, stands: list[float], rolled: list[float], dt: float
+        self,
+        rows: Floats,
+        stands: list[float],
+        turns: list[float],
+        rolled: list[float],
+        dt: float,
     ) -> tuple[list[float], float, list[float]]:
         """As :meth:`Tyres.slip`, of what wheels do without being told.
 
         Args:
             rows: Slide and roll rows.
             stands: Where each wheel stands, rad.
+            turns: How far it has at least yet to turn, rad.
             rolled: At which each roll row's rolls, m/s.
             dt: Of the step, s.
         """
-        turning, hastening = self._untold_drives.step(stands, rolled, dt)
+        turning, hastening = self._untold_drives.step(stands, turns, rolled, dt)
         speed = max((abs(each) for each in rolled if math.isfinite(each)), default=0.0)
         # One that is still turned rolls at what it shall do once it is there.
         forced = [speed * turning[i] for i in self._row_wheels]

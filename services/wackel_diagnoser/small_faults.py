@@ -17,7 +17,7 @@ import numpy as np
 
 from wackel_diagnoser.constants import GIVES_WAY, Constants, Shown
 from wackel_diagnoser.hypotheses import Class
-from wackel_diagnoser.rows import UNKNOWN, YAWING, Rows
+from wackel_diagnoser.rows import UNKNOWN, YAWING, Following, Rows
 from wackel_diagnoser.scaling import Scaling
 from wackel_drive.layout import Layout
 from wackel_kinematics.array import Floats
@@ -130,8 +130,7 @@ class SmallFaults:
     Attributes:
         found: The change that is there.
         lag_s: By how much wheels follow later than their steering's encoders show, as learnt.
-        gives_way: By how much drives are slower for what they push, as learnt, m/s by A or share of
-            load.
+        following: How drives follow their references, as learnt.
         calibration: Squares of the shares by which slide and roll rows (of speed) and gyros (of
             their rate) are expected to be off, by what driving has shown.
     """
@@ -167,7 +166,8 @@ class SmallFaults:
         self._length_m = layout.drive.length_m
         self._way: list[float] | None = None  # of the last motion, in the space of velocities
         self._motions = 1.0  # in what has been learnt
-        self.lag_s = self.gives_way = 0.0
+        self.lag_s = 0.0
+        self.following = rows.following
         self._configured = rows.configured
         self.calibration: Floats = UNKNOWN**2 * rows.configured
         # Where each of them stands; how gyros and wheels disagree on turning is one for all gyros.
@@ -200,6 +200,8 @@ class SmallFaults:
         self._crept += shown.measured.creep * self._block_s
         self._block, self._block_s = [], 0.0
         if self._look_s >= LOOK_S:
+            if not self._driven:
+                self._constants.lag_s = shown.lag_s  # nothing is known yet that counts from it
             # Of all its blocks at once: numpy takes long to be called.
             told = self._constants.equations(self._blocks)
             seconds, creep = self._look_s, self._crept / self._look_s
@@ -207,6 +209,15 @@ class SmallFaults:
             moving = shown.measured.speed > MOVING_M_S
             another = self._begun(shown.measured.followed)
             self._take(told, creep, another, seconds, calm=calm, moving=moving)
+            if calm:
+                self._follow(shown.lag_s)
+
+    def _follow(self, lag_s: float) -> None:
+        """How drives follow references, which have this lag."""
+        constants, usual = self._constants, self._usual.tolist()
+        off = usual[constants.off.start : constants.off.stop]
+        gives_way = max(usual[constants.gives_way], 0.0)
+        self.following = Following(off, gives_way, usual[constants.late] + constants.lag_s - lag_s)
 
     def _begun(self, twist: list[float]) -> float:
         """How much of another motion the robot has begun since the last look, 0 … 1."""
@@ -261,7 +272,6 @@ class SmallFaults:
         if calm and top < SUSPECTED:
             scaling.learn(squares, heard, seconds)
             self.lag_s = min(max(float(usual[self._constants.steering_lag]), EARLIEST_S), LATEST_S)
-            self.gives_way = max(float(usual[self._constants.gives_way]), 0.0)
             # Readings of a robot agree with each other even where its wheels are pulled askew: to
             # take off what is learnt would turn its errors into contradictions.
             expected = (usual * usual + covariance.diagonal()).take(self._calibrated)

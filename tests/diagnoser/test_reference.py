@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.odometry.simulation import differential_drive, steered_drive
-from wackel_diagnoser.reference import Reference
+from wackel_diagnoser.reference import FAR_RAD, Reference
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
 from wackel_node.config_drive import DriveConfig
@@ -153,6 +153,33 @@ def test_after_a_command_that_did_not_come_it_is_not_known_which_way_wheels_turn
             assert target.known
         if number == 101 + missing:
             assert target.known is known
+
+
+def test_how_far_a_steering_has_yet_to_turn_is_not_known_while_it_turns_as_fast_as_it_can() -> None:
+    """And only then, and only as long as no command tells."""
+    config = steered_drive(3)
+    reference = Reference(Layout(config), config)
+    still, fast, heading = [0.0] * 3, 6.28 * STEP_S, 0.0
+    for number in range(1, 250):
+        begin = number * 10_000_000
+        way = math.radians(80.0) * (number // 30 % 2)
+        if number < 150:
+            vx, vy = 0.3 * math.cos(way), 0.3 * math.sin(way)
+            reference.command(TwistCommand(stamp=begin, vx=vx, vy=vy, omega=0.0))
+            turned = [max(-fast, min(way - heading, fast))] * 3
+        else:
+            turned = [fast, -fast, 0.5 * fast]
+        heading += turned[0]
+        shown = [heading] * 3, turned, still, [0.0]
+        target = reference.step(Step(begin, begin + 10_000_000, STEP_S, *shown), 0.0)
+        if number == 120:
+            assert target.known
+            assert max(target.heading_gap) > 1.0
+        if number == 149:
+            assert target.known
+            assert max(target.heading_gap) < 0.5
+    assert not target.known
+    assert target.heading_gap == [FAR_RAD, FAR_RAD, 0.0]
 
 
 def test_where_commands_come_seldom_none_is_missing() -> None:

@@ -11,7 +11,7 @@ from tests.diagnoser.rig import Rig
 from tests.odometry.simulation import differential_drive, other_drives, steered_drive
 from wackel_diagnoser.constants import Constants, Shown
 from wackel_diagnoser.reference import Reference
-from wackel_diagnoser.rows import Measured, Rows
+from wackel_diagnoser.rows import Following, Measured, Rows
 from wackel_diagnoser.tyres import HOLDS_M_S2
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
@@ -21,6 +21,8 @@ from wackel_schemas.fault import FaultReport
 
 GYROS = {"body": GyroConfig()}
 STEP_NS = 10_000_000
+STEP_S = STEP_NS / 1e9
+LAG_S = 0.05
 
 
 class Moving:
@@ -57,9 +59,9 @@ class Moving:
         each = heading.tolist(), steered.tolist(), rate.tolist()
         step = Step(begin, self._end, STEP_NS / 1e9, *each, [yaw])
         target = self.reference.step(step, 0.0)
-        loads = [load, *[0.0] * (len(drive.roll_wheels) - 1)]
-        measured = self.rows.measure(step, target, np.zeros(1), lambda *_: loads)
-        return Shown(step, target, measured, np.zeros(1), [math.nan] * len(drive.roll_wheels))
+        currents = [load, *[0.0] * (len(drive.roll_wheels) - 1)]
+        measured = self.rows.measure(step, target, np.zeros(1), currents)
+        return Shown(step, target, measured, np.zeros(1), currents, LAG_S)
 
 
 def sound(measured: Measured) -> bool:
@@ -138,12 +140,24 @@ def test_wheels_that_turn_are_known_to_pull_each_other_once_no_command_is_known(
 
 def test_a_drive_that_pushes_may_be_slower() -> None:
     moving = Moving(steered_drive(4))
-    moving.rows.gives_way = 0.05
+    moving.rows.following = Following([0.0] * 4, gives_way=0.05, late_s=0.0)
     moving.command()
     rolling = moving.rows.rolling
     unloaded = moving.shown().measured.z[rolling]
     loaded = moving.shown(load=0.4).measured.z[rolling]
     assert loaded - unloaded == pytest.approx([0.02, 0.0, 0.0, 0.0], abs=1e-9)
+
+
+def test_a_drive_is_expected_to_be_as_slow_and_as_early_as_it_is() -> None:
+    moving = Moving(differential_drive())
+    moving.rows.following = Following([-0.01, 0.0], gives_way=0.0, late_s=-0.005)
+    moving.command()
+    before = moving.shown()
+    speeds = [each + 0.02 for each in before.target.speed]
+    hastening = replace(before.target, speed=speeds)
+    yielded = moving.rows.measure(before.step, hastening, np.zeros(1), [0.0, 0.0]).yielded
+    early = 0.005 * 0.02 / STEP_S
+    assert yielded == pytest.approx([early - 0.01 * speeds[0], early])
 
 
 def test_wheels_that_are_calibrated_badly_may_turn_the_robot_otherwise_than_they_show() -> None:
@@ -171,7 +185,7 @@ def test_the_robot_goes_on_as_it_did_long_after_wheels_point_elsewhere() -> None
         rate = (1.5 / moving.layout.drive.roll_radius).tolist()
         step = Step(begin, end, STEP_NS / 1e9, [angle] * 3, [0.0] * 3, rate, [0.0])
         told = replace(target, heading=[angle] * 3, turned=[0.0] * 3)
-        skids.append(moving.rows.measure(step, told, np.zeros(1), lambda *_: [0.0] * 3).creep)
+        skids.append(moving.rows.measure(step, told, np.zeros(1), [0.0] * 3).creep)
     turned = 30 + 10
     assert skids[29] < 0.001
     assert 2.0 * 1.5 * math.sin(0.5) - HOLDS_M_S2 * 0.1 < skids[turned] < 1.1

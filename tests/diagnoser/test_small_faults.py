@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterator
+from operator import sub
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from tests.diagnoser.rig import GYRO, Rig
 from tests.odometry.simulation import differential_drive, steered_drive
 from wackel_diagnoser.constants import Constants, Shown
 from wackel_diagnoser.reference import Target
-from wackel_diagnoser.rows import Rows
+from wackel_diagnoser.rows import Measured, Rows
 from wackel_diagnoser.small_faults import BLOCK_S, DELAY, LOOK_S, SmallFaults
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
@@ -24,6 +25,7 @@ from wackel_virtual.build import Build
 GYROS = {GYRO: GyroConfig()}
 STEP_S = 0.01
 CURRENT_A = 0.2
+LAG_S = 0.05
 
 
 class Driven:
@@ -65,8 +67,9 @@ class Driven:
         )
         shown = heading + self.off, zeros, rates * self.scale, np.array([yaw])
         step = Step(begin, self._now, STEP_S, *(each.tolist() for each in shown))
-        measured = self.rows.measure(step, target, np.zeros(1), lambda *_: [0.0] * len(speed))
-        return Shown(step, target, measured, np.zeros(1), [CURRENT_A] * len(speed))
+        currents = [CURRENT_A] * len(speed)
+        measured = self.rows.measure(step, target, np.zeros(1), currents)
+        return Shown(step, target, measured, np.zeros(1), currents, LAG_S)
 
     def drive(self, seconds: float, speed: float = 1.0) -> Iterator[Shown]:
         """On a path that turns slowly from one direction to another."""
@@ -182,6 +185,28 @@ def test_bad_calibration_that_turns_the_robot_is_no_change_of_the_gyro() -> None
     rig = Rig.of("judge13/lines/4/3/58", worse=3.0, driving="lines")
     rig.drive(30.0)  # one line, a turn on the spot, and a line in another direction
     assert rig.reports == []
+
+
+def test_of_how_drives_follow_nothing_is_left_but_what_encoders_round() -> None:
+    """What a motor pushes makes it late, which its lag has in it already."""
+    rig = Rig.of("tune/following/0", build=Build(droop_m_s=0.09, grip_A=0.6))
+    rig.drive(40.0)
+    rows, radius = rig.diagnoser._rows, rig.config.wheels[0].radius
+    measure, before, misses = rows.measure, [0.0] * 4, []
+
+    def watched(step: Step, target: Target, bias: Floats, currents: list[float]) -> Measured:
+        nonlocal before
+        measured = measure(step, target, bias, currents)
+        if max(map(abs, map(sub, target.speed, before))) > 1.0 * STEP_S:  # it hastens by 1 m/s²
+            misses.append(measured.z[rows.rolling])
+        before = target.speed
+        return measured
+
+    rows.measure = watched  # type: ignore[method-assign]
+    rig.drive(20.0)
+    assert len(misses) > 200
+    rounds = rig.config.encoder_step * radius / STEP_S / math.sqrt(6)
+    assert np.std(misses) < 1.15 * rounds
 
 
 @pytest.mark.parametrize("number", [0, 54])

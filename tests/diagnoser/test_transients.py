@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.diagnoser.driving import DRIVING
+from tests.diagnoser.fleet import Member
 from tests.diagnoser.rig import SHORT_WARM_UP_S, Rig
 from tests.odometry.simulation import differential_drive, other_drives, steered_drive
 from wackel_diagnoser.transients import LAG_S, SETTLING_S, Transients
@@ -45,6 +46,13 @@ def test_what_has_ended_fades() -> None:
     assert 0.0 < gap < 0.01
 
 
+def test_what_is_told_to_be_far_is_so_whatever_it_shows() -> None:
+    transients = Transients([0.0, 0.0])
+    transients.step([0.0, 0.0], STEP_S)
+    assert transients.step([0.1, 0.1], STEP_S, [1.5, 0.0]) == pytest.approx([1.5, 0.1])
+    assert transients.step([0.1, 0.1], STEP_S)[0] == pytest.approx(1.5, rel=0.1)
+
+
 def test_rounding_is_no_motion() -> None:
     transients, rng = Transients([0.01]), np.random.default_rng(1)
     gaps = [transients.step([0.5 + rng.normal(0.0, 0.01)], STEP_S)[0] for _ in range(1000)]
@@ -66,6 +74,12 @@ def test_a_sound_robot_whose_commands_are_not_known_has_no_fault(name: str, driv
     robot = Untold.of(f"tune/untold/{name}", DRIVES[name], driving=driving)
     robot.drive(25.0)
     assert robot.reports == []
+
+
+def test_a_wheel_that_turns_all_round_while_commands_are_missing_is_no_fault() -> None:
+    rig = Member.of("473cdf606486db43", 107).rig()
+    rig.drive(165.0)
+    assert rig.reports == []
 
 
 @pytest.mark.parametrize("kind", ["wheel_blocked", "drive_sensor_stuck", "steering_blocked"])
