@@ -11,8 +11,9 @@ from wackel_node.errors import NOT_REACHED, Explained
 from wackel_schemas.keys import MOST_HEALTH_BYTES
 
 # One thread of Zenoh's receives, where by itself one waits for the socket and two take turns at
-# reading it: a message woke all three. Sending keeps its own, so neither waits for the other.
-os.environ.setdefault("ZENOH_RUNTIME", "(net: (handover: acc), rx: (handover: acc))")
+# reading it: a message woke all three. Sending keeps its own, so neither waits for the other. So
+# does what routers compute: Python waits for its end, while the one that receives waits for Python.
+os.environ.setdefault("ZENOH_RUNTIME", "(rx: (handover: acc))")
 
 # What Zenoh itself puts together before anyone can refuse it (twice as much, as measured).
 _MOST_REASSEMBLED = MOST_HEALTH_BYTES
