@@ -116,6 +116,7 @@ class Losses:
         self._unjudged = 0  # events that came or went since the verdict
         self._code: str | None = None  # what failures of a servo or of the bus are called
         self._told = False  # whether the verdict has become a finding
+        self._loose_since: dict[str, int] = {}  # contacts that are told, and from when on
         self._strays: deque[int] = deque(maxlen=SPARKS)
         self._interruptions: deque[tuple[int, int, Interruption]] = deque(maxlen=16)
         self._since = 0
@@ -231,6 +232,9 @@ class Losses:
             if reconnecting.confidence >= LIKELY or not placed:
                 findings = [reconnecting, *self._besides(reconnecting, findings)]
         self._told = bool(findings)
+        self._loose_since = {
+            each.component: each.since for each in findings if each.code == "loose_contact"
+        }
         while self._strays and now_ns - self._strays[-1] > STRAY_NS:
             self._strays.clear()
         if len(self._strays) == SPARKS and now_ns - self._stray_since_ns >= STRAY_WAIT_NS:
@@ -246,17 +250,19 @@ class Losses:
         return findings
 
     def _besides(self, reconnecting: Finding, findings: list[Finding]) -> list[Finding]:
-        """What a window without an interruption tells of other places.
+        """What a window without an interruption tells of other places, and what was told before.
 
-        Before that its failures are the interruptions' own; a contact that was interrupted goes on
-        to flicker in its place, not in another one.
+        Else its failures are the interruptions' own; a contact that was interrupted goes on to
+        flicker in its place, not in another one.
         """
-        if self._interruptions[-1][0] > self._slot - self._samples:
-            return []
+        recent = self._interruptions[-1][0] > self._slot - self._samples
+        known = self._loose_since
         return [
-            replace(finding, since=self._events[0][1])
+            replace(finding, since=known.get(finding.component, self._events[0][1]))
             for finding in findings
-            if finding.component != reconnecting.component and finding.confidence >= SURE
+            if finding.component != reconnecting.component
+            and finding.confidence >= SURE
+            and (finding.component in known or not recent)
         ]
 
     def _commit(self, event: Event, stamp: int) -> None:
@@ -343,8 +349,9 @@ class Losses:
         moving = any(not i.whole for i in brief) and signs
         if count + bool(moving) < (RECONNECTS_ALL if by_hand else RECONNECTS):
             return None
+        since = self._interruptions[0][1]
         if not self._told:
-            self._since = self._interruptions[0][1]
+            self._since = since
         summary = f"the connection was gone and came back {count} times"
         if count < RECONNECTS:
             summary = "the connection was gone for a moment, and sparked or flickered besides"
@@ -353,7 +360,8 @@ class Losses:
         suspects = [chain.servo(cable)] if cable == len(chain) - 1 else []
         if cable == 1 and far:
             suspects = [chain.servo(0)]
-        return self._loose(cable, confidence, suspects, summary, {"reconnects": count})
+        found = self._loose(cable, confidence, suspects, summary, {"reconnects": count})
+        return replace(found, since=self._loose_since.get(found.component, since))
 
     def _explain(self, stalls: int) -> list[Finding]:
         recurring = max(self._cuts, default=0) >= (CUTS_HOLD if self._contact else CUTS)

@@ -194,6 +194,25 @@ def test_a_cable_that_was_put_back_twice_hides_no_other_contact_for_long(seed: i
     assert since["bus/main/cable/2-3"] > since["bus/main/cable/5-6"]
 
 
+@pytest.mark.parametrize("seed", range(6))
+def test_a_loose_contact_goes_on_being_told_while_another_cable_is_unplugged(seed: int) -> None:
+    rig = healthy(seed)
+    rig.inject("loose_contact", 3, 8.0)
+    rig.run(10.0)
+    loose = ("loose_contact", "bus/main/cable/2-3")
+    assert rig.active() == [loose]
+    for _ in range(3):
+        rig.inject("break", 6)
+        rig.run(4.0)
+        assert set(rig.active()) >= {loose, ("cable_break", "bus/main/cable/5-6")}
+        rig.bus.heal("break", 6)
+        rig.run(4.0)
+    assert set(rig.active()) == {loose, ("loose_contact", "bus/main/cable/5-6")}
+    assert not any(
+        report.status == "healed" for report in rig.reports if report.component == loose[1]
+    )
+
+
 @pytest.mark.parametrize("kind", ["duplicate_id", "rhythmic_jammer", "permanent_jammer"])
 def test_what_befalls_a_bus_next_makes_no_cable_loose_that_was_unplugged_once(kind: str) -> None:
     for seed in range(8):
