@@ -31,6 +31,9 @@ LIKELY = 0.02
 """Probability from which on another explanation is told."""
 LEAST_CONFIDENCE = 0.5
 """Of a verdict that stands: one that is less probable is about to heal."""
+CHANGED = 0.95
+"""Of one that a lasting change explains: its part is 400 times as likely as any other, and of
+changes that large, chance makes few. What residuals say moment by moment is no doubt of it."""
 UNSURE = 0.6
 """At most, of one beside which something is wrong that no reading shows."""
 
@@ -188,6 +191,7 @@ class Findings:
         small = self._small.found
         if small is not None and small.component == path:
             values |= {"change": round(small.size, 5), "change_sigma": round(small.sigma, 5)}
+            here = max(here, CHANGED)
         if (test := verdicts.tests.get(path)) is not None:
             strain, strained = test.strains
             for name, value in (

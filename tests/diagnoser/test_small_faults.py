@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator
 from operator import sub
+from random import Random
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from tests.diagnoser.fleet import Member
 from tests.diagnoser.rig import GYRO, Rig
 from tests.odometry.simulation import differential_drive, steered_drive
 from wackel_diagnoser.constants import Constants, Shown
+from wackel_diagnoser.findings import CHANGED
 from wackel_diagnoser.reference import Target
 from wackel_diagnoser.rows import Measured, Rows
 from wackel_diagnoser.small_faults import BLOCK_S, DELAY, LOOK_S, SmallFaults
@@ -226,6 +228,19 @@ def test_what_few_motions_have_shown_does_not_tell_how_another_turns_the_robot(
     rig = Member.of("a46d9a97bf9aef70", number).rig()
     rig.drive(seconds)
     assert rig.reports == []
+
+
+def test_a_small_jump_of_the_gyro_is_told_though_a_command_makes_wheels_skid_meanwhile() -> None:
+    """What skids is a moment's doing; a change that lasts is none."""
+    seed = "1e0712c722d31794/mujoco/3/54"
+    rig = Rig.of(seed, 3, physics="mujoco", build=Build.drawn(Random(f"{seed}/build")))
+    rig.drive(31.6)
+    assert rig.reports == []
+    rig.inject("gyro_offset", value=0.02)
+    rig.drive(15.0)
+    assert rig.active() == [("gyro_deviates", "gyro/body")]
+    [report] = rig.reports
+    assert report.confidence == CHANGED
 
 
 def test_what_stands_is_no_small_fault() -> None:
