@@ -92,6 +92,8 @@ class Reference:
         self._steered: list[int] = np.flatnonzero(drive.steers).tolist()
         self._places = [(i, *drive.xy[i].tolist()) for i in self._steered]
         self._rolls: list[int] = drive.roll_wheels.tolist()
+        # Where the goal has the speeds of wheels that steer, too.
+        self._both = [self._n + at for at, i in enumerate(self._rolls) if drive.steers[i]]
         self._radius: list[float] = drive.roll_radius.tolist()
         # Roll rows of wheels that do not steer.
         rows = drive.rows(drive.steering(np.zeros(n)))[drive.slide_count :].tolist()
@@ -159,7 +161,7 @@ class Reference:
                 self._twist = twist
                 self._aim()
         self._times.pass_to(step.begin)
-        if missed and max(map(abs, map(sub, self._goal[: self._n], before))) > EITHER_RAD:
+        if missed and self._may_have_turned_round(before):
             self._times.doubt(step.begin)
         self._steering_rate.step(step.steered, step.seconds)
         steered = (step.steered[i] for i in self._steered)
@@ -210,6 +212,15 @@ class Reference:
             [*map(abs, late)],
             goal[:n],
             self._twist,
+        )
+
+    def _may_have_turned_round(self, before: list[float]) -> bool:
+        """Whether a command between this goal and the one before may have turned a wheel the other
+        way round: where it goes now is far off, or the way back, with next to nothing in between.
+        """
+        goal = self._goal
+        return max(map(abs, map(sub, goal[: self._n], before))) > EITHER_RAD or any(
+            goal[at] * before[at] < 0.0 for at in self._both
         )
 
     def _unknown(self, step: Step) -> Target:

@@ -155,6 +155,25 @@ def test_after_a_command_that_did_not_come_it_is_not_known_which_way_wheels_turn
             assert target.known is known
 
 
+@pytest.mark.parametrize(("missing", "known"), [(0, True), (1, False)])
+def test_nor_is_it_where_a_wheel_goes_back_after_it(missing: int, known: bool) -> None:
+    """It may have turned half round, either way, to do so."""
+    config = steered_drive(3)
+    reference = Reference(Layout(config), config)
+    still = [0.0] * 3
+    for number in range(1, 200):
+        begin = number * 10_000_000
+        if not 100 < number <= 100 + missing:
+            vx = 0.02 if number <= 100 else -0.02
+            reference.command(TwistCommand(stamp=begin, vx=vx, vy=0.0, omega=0.0))
+        step = Step(begin, begin + 10_000_000, STEP_S, still, still, still, [0.0])
+        target = reference.step(step, 0.0)
+        if number in (100, 160):
+            assert target.known
+        if number == 101 + missing:
+            assert target.known is known
+
+
 def test_how_far_a_steering_has_yet_to_turn_is_not_known_while_it_turns_as_fast_as_it_can() -> None:
     """And only then, and only as long as no command tells."""
     config = steered_drive(3)
