@@ -81,6 +81,10 @@ floor."""
 SHIFTS = 0.5
 """Share of the wheels' calibration by which that seems to change with the motion: which of them
 slip, friction decides."""
+NOISE = 0.01
+"""Share of the currents' squares that is noise: they sway by 5 mA, of 50 that driving needs."""
+TINY = 1e-9
+"""Information that is none."""
 ROUNDED = 0.3
 """Encoder steps, the same for what stays rounded alike: 1/√12."""
 
@@ -323,6 +327,7 @@ class SmallFaults:
         at = self._constants.gives_way
         with_it = GIVES_WAY * covariance[:, at] / covariance[at, at]
         unsure = covariance + np.outer(with_it, with_it) + self._accurate + creep * self._creeping
+        unsure += self._dilution(usual)
         errors, wheels = usual[: self._wheels], range(self._wheels)
         unsure[:, wheels, wheels] += SHIFTS**2 * errors.dot(errors) / self._wheels
         forced = self._forced_slip(self._told, usual) / np.array(self._motions_told)[:, None]
@@ -343,6 +348,24 @@ class SmallFaults:
         elif now is not None and now.component == found.component:
             self.found = now
         return top
+
+    def _dilution(self, usual: Floats) -> Floats:
+        """Covariances of what drives seem to change by where currents vary little beside their
+        noise (regression dilution), in each window, shape (W, P, P).
+
+        By the share of noise in what varies beyond speeds and accelerations, they seem to give way
+        less. What each pushes all the while then seems its own.
+        """
+        constants, told = self._constants, self._told
+        at, own = constants.gives_way, [*constants.off, constants.late]
+        across = told[:, own, at]
+        alike = told[:, own][:, :, own] + self._prior[own][:, own]
+        change = np.zeros(told.shape[:2])
+        change[:, at] = 1.0
+        change[:, own] = -np.linalg.solve(alike, across[:, :, None])[:, :, 0]
+        varies = np.maximum(told[:, at, at] + np.vecdot(across, change[:, own]), TINY)
+        change *= usual[at] * np.minimum(NOISE * told[:, at, at] / varies, 1.0)[:, None]
+        return change[:, :, None] * change[:, None, :]
 
     def _ended(self, tests: "_Tests", found: Change) -> bool:
         """Whether the part is as it was before, by the shortest window."""

@@ -230,6 +230,14 @@ def test_what_few_motions_have_shown_does_not_tell_how_another_turns_the_robot(
     assert rig.reports == []
 
 
+def test_currents_that_hardly_vary_do_not_tell_how_drives_give_way() -> None:
+    """On an even circle they vary by their noise, so that drives seem not to; the others' share of
+    speed would then be another, but not that of one which pushes nothing."""
+    rig = Member.of("f1f73556c6368a5a", 180).rig()
+    rig.drive(246.0)
+    assert rig.reports == []
+
+
 def test_a_small_jump_of_the_gyro_is_told_though_a_command_makes_wheels_skid_meanwhile() -> None:
     """What skids is a moment's doing; a change that lasts is none."""
     seed = "1e0712c722d31794/mujoco/3/54"
