@@ -51,7 +51,7 @@ class Shown(msgspec.Struct, frozen=True, gc=False):
         step, target, measured: What it says.
         bias: Of the gyros, as taken off there, rad/s.
         current: Of each rolling motor, A or share of load; NaN where unknown.
-        lag_s: With which the references of drives follow their commands.
+        drive_lag_s: With which the references of drives follow their commands.
     """
 
     step: Step
@@ -59,7 +59,7 @@ class Shown(msgspec.Struct, frozen=True, gc=False):
     measured: Measured
     bias: Floats
     current: Sequence[float]
-    lag_s: float
+    drive_lag_s: float
 
 
 class Constants:
@@ -82,11 +82,12 @@ class Constants:
             as all slip, their readings agree. In another direction they turn it otherwise.
         off: By how much each drive is faster than its reference, as a share.
         gives_way: By how much drives are slower for what they push, m/s by A.
-        late: By how much they are later than :attr:`lag_s`, s, which pushing would explain too.
+        late: By how much they are later than :attr:`drive_lag_s`, s, which pushing would explain,
+            too.
         stands: By how much each steering stands left of its reference, rad.
         kinds: Parameters of which the noise is of the same kind.
         prior: One over the variance of each before driving, shape (P,).
-        lag_s: What lags of drives are counted from: references are told another from time to time.
+        drive_lag_s: From which lags of drives count: references take another from time to time.
     """
 
     def __init__(
@@ -128,7 +129,7 @@ class Constants:
             )
         )
         self.prior: Floats = sigma**-2
-        self.lag_s = 0.0
+        self.drive_lag_s = 0.0
         self._slide_wheels = slides
         # Where what is of single numbers stands among those of a block.
         ends = np.cumsum([0, 1, 1, len(slides), len(rolls), len(rolls), len(rolls)])
@@ -201,7 +202,7 @@ class Constants:
             rows on the twist, shape (B,).
         """
         rows, numbers = self._rows, np.array([self._numbers(block) for block in blocks])
-        seconds, lag_s, turned, faster, current, yielded = (
+        seconds, drive_lag_s, turned, faster, current, yielded = (
             numbers[:, each] for each in self._columns
         )
         causes = np.empty((len(blocks), *self._causes.shape))
@@ -213,7 +214,7 @@ class Constants:
         sliding, turning, off = seen[:, rows.slides], seen[:, rows.gyros], seen[:, rows.rolling]
         sliding += rows.lag_s * lag
         turning += [block[len(block) // 2].bias for block in blocks]
-        off += yielded - (lag_s - self.lag_s) * faster
+        off += yielded - (drive_lag_s - self.drive_lag_s) * faster
         by_row[:, self._own_direction] = -own
         by_row[:, self._own_scale] = rolled
         by_row[:, self._own_off] = rolled - off
@@ -238,7 +239,7 @@ class Constants:
         before, after = first.step.heading, last.step.heading
         numbers = (
             seconds,
-            last.lag_s,
+            last.drive_lag_s,
             *[after[i] - before[i] for i in self._slide_wheels],
             *[each / seconds for each in map(sub, last.target.speed, first.target.speed)],
             *_mean([shown.current for shown in block]),

@@ -205,7 +205,8 @@ class SmallFaults:
         self._block, self._block_s = [], 0.0
         if self._look_s >= LOOK_S:
             if not self._driven:
-                self._constants.lag_s = shown.lag_s  # nothing is known yet that counts from it
+                # Nothing is known yet that counts from it.
+                self._constants.drive_lag_s = shown.drive_lag_s
             # Of all its blocks at once: numpy takes long to be called.
             told = self._constants.equations(self._blocks)
             seconds, creep = self._look_s, self._crept / self._look_s
@@ -214,14 +215,15 @@ class SmallFaults:
             another = self._begun(shown.measured.followed)
             self._take(told, creep, another, seconds, calm=calm, moving=moving)
             if calm:
-                self._follow(shown.lag_s)
+                self._follow(shown.drive_lag_s)
 
-    def _follow(self, lag_s: float) -> None:
+    def _follow(self, drive_lag_s: float) -> None:
         """How drives follow references, which have this lag."""
         constants, usual = self._constants, self._usual.tolist()
         off = usual[constants.off.start : constants.off.stop]
         gives_way = max(usual[constants.gives_way], 0.0)
-        self.following = Following(off, gives_way, usual[constants.late] + constants.lag_s - lag_s)
+        late_s = usual[constants.late] + constants.drive_lag_s - drive_lag_s
+        self.following = Following(off, gives_way, late_s)
 
     def _begun(self, twist: list[float]) -> float:
         """How much of another motion the robot has begun since the last look, 0 … 1."""
@@ -323,7 +325,8 @@ class SmallFaults:
             [[(each / length) ** 2]] for each, length in zip(self._creep, WINDOWS, strict=True)
         ]
         # At an even speed the currents' noise makes drives seem not to give way, ever more surely.
-        # So that is as little known as before driving, and all that was concluded with it.
+        # So what was learnt of that is as little known as before driving, and all that was
+        # concluded with it; and what a window says of it is diluted by itself.
         at = self._constants.gives_way
         with_it = GIVES_WAY * covariance[:, at] / covariance[at, at]
         unsure = covariance + np.outer(with_it, with_it) + self._accurate + creep * self._creeping

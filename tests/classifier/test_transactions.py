@@ -61,6 +61,14 @@ def repeat(times: int, action: Callable[[], list[tuple[str, str]]]) -> list[tupl
     return action()
 
 
+def stall(bus: Bus, times: int) -> None:
+    """The adapter holds so many reads back, and passes on all that it held."""
+    late = Chunk(at_ns=25_000_000, data=b"".join(map(answer, bus.ids)))
+    for _ in range(times):
+        bus.read_all(late_ns=23_000_000, chunks=[late])
+        repeat(30, bus.read_all)
+
+
 def told_of_silences(bus: Bus, times: int, between: int) -> set[str]:
     """Codes, where so often nobody answers two reads, and so many are answered before the next."""
     codes: set[str] = set()
@@ -327,10 +335,7 @@ def test_an_adapter_that_stalls_and_loses_some_of_what_it_held_back_has_no_loose
 def test_an_adapter_that_stalls_may_lose_all_that_it_held_back(shown: int, codes: set[str]) -> None:
     bus = Bus(5)
     repeat(20, bus.read_all)
-    late = Chunk(at_ns=25_000_000, data=b"".join(map(answer, bus.ids)))
-    for _ in range(shown):
-        bus.read_all(late_ns=23_000_000, chunks=[late])
-        repeat(30, bus.read_all)
+    stall(bus, shown)
     assert told_of_silences(bus, 6, 20) == codes
 
 
@@ -354,10 +359,7 @@ def test_a_cable_that_cuts_off_the_same_servos_is_loose_though_the_adapter_stall
 ) -> None:
     bus = Bus(5)
     repeat(20, bus.read_all)
-    late = Chunk(at_ns=25_000_000, data=b"".join(map(answer, bus.ids)))
-    for _ in range(stalls):
-        bus.read_all(late_ns=23_000_000, chunks=[late])
-        repeat(30, bus.read_all)
+    stall(bus, stalls)
     active: set[tuple[str, str]] = set()
     for _ in range(5):
         bus.read_all(answer(1) + answer(2))

@@ -57,7 +57,7 @@ class Moving:
             heading[lost] = steered[lost] = rate[lost] = np.nan
         begin, self._end = self._end, self._end + STEP_NS
         each = heading.tolist(), steered.tolist(), rate.tolist()
-        step = Step(begin, self._end, STEP_NS / 1e9, *each, [yaw])
+        step = Step(begin, self._end, STEP_S, *each, [yaw])
         target = self.reference.step(step, 0.0)
         currents = [load, *[0.0] * (len(drive.roll_wheels) - 1)]
         measured = self.rows.measure(step, target, np.zeros(1), currents)
@@ -183,7 +183,7 @@ def test_the_robot_goes_on_as_it_did_long_after_wheels_point_elsewhere() -> None
     for angle in [*[0.0] * 30, *np.linspace(0.0, 1.0, 11), *[1.0] * 30]:
         begin, end = STEP_NS * len(skids), STEP_NS * (len(skids) + 1)
         rate = (1.5 / moving.layout.drive.roll_radius).tolist()
-        step = Step(begin, end, STEP_NS / 1e9, [angle] * 3, [0.0] * 3, rate, [0.0])
+        step = Step(begin, end, STEP_S, [angle] * 3, [0.0] * 3, rate, [0.0])
         told = replace(target, heading=[angle] * 3, turned=[0.0] * 3)
         skids.append(moving.rows.measure(step, told, np.zeros(1), [0.0] * 3).creep)
     turned = 30 + 10
