@@ -7,7 +7,7 @@ at all has a defined and counted outcome; none of it stops the steps.
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Literal, TypeAlias
 
 import msgspec
@@ -87,7 +87,7 @@ class _Gyro:
         self.source = component.gyro(name)
         self.track = Track()
         self.axis = _AXES[config.axis[-1]]
-        self.sign = -1 if config.axis.startswith("-") else 1
+        self.sign = -1.0 if config.axis.startswith("-") else 1.0
 
 
 class Alignment:
@@ -106,11 +106,18 @@ class Alignment:
         self.restarts = 0
         self.newest: int | None = None
         self._n = len(layout.names)
-        self._rolling = _sensors(layout.rolling)
-        self._steering = _sensors(layout.steering)
         self._by_bus: dict[str, dict[int, Track]] = {}
-        for _, joint, track in (*self._rolling, *self._steering):
-            self._by_bus.setdefault(joint.servo.bus, {})[joint.servo.id] = track
+        # By number of the wheel. Signs are floats, with which Python multiplies faster.
+        self._rolling = [
+            (i, float(joint.sign), self._track(joint))
+            for i, joint in enumerate(layout.rolling)
+            if joint is not None
+        ]
+        self._steering = [
+            (i, float(joint.sign), joint.offset, self._track(joint))
+            for i, joint in enumerate(layout.steering)
+            if joint is not None
+        ]
         self._gyros = {name: _Gyro(name, config) for name, config in gyros.items()}
         servos = (track for tracks in self._by_bus.values() for track in tracks.values())
         # Gyros first: mostly it is them that a step waits for.
@@ -208,21 +215,26 @@ class Alignment:
         seconds = (end - begin) / 1e9
         nothing = [math.nan] * self._n
         heading, steered, wheel_rate = nothing, nothing.copy(), nothing.copy()
-        for i, joint, track in self._steering:
+        for i, sign, offset, track in self._steering:
             angle, turned = track.pass_by(begin, end)
             if turned is not None and angle is not None:
-                heading[i] = joint.sign * (angle + turned / 2) + joint.offset
-                steered[i] = joint.sign * turned
-        for i, joint, track in self._rolling:
+                heading[i] = sign * (angle + turned / 2.0) + offset
+                steered[i] = sign * turned
+        for i, sign, track in self._rolling:
             turned = track.pass_by(begin, end)[1]
             if turned is not None:
-                wheel_rate[i] = joint.sign * turned / seconds
+                wheel_rate[i] = sign * turned / seconds
         gyro_rate = []
         for gyro in self._gyros.values():
             turned = gyro.track.pass_by(begin, end)[1]
             gyro_rate.append(math.nan if turned is None else turned / seconds)
         self._done = end
         return Step(begin, end, seconds, heading, steered, wheel_rate, gyro_rate)
+
+    def _track(self, joint: Joint) -> Track:
+        """A new one, of a servo's samples."""
+        track = self._by_bus.setdefault(joint.servo.bus, {})[joint.servo.id] = Track()
+        return track
 
     def _next_end(self, begin: int) -> int | None:
         """Where the next step ends: at a sample of the first driven wheel that is not absent."""
@@ -290,8 +302,3 @@ class Alignment:
         self._done = self._wheels_newest = self.newest = stamp
         for track in self._tracks:
             track.clear()
-
-
-def _sensors(joints: Iterable[Joint | None]) -> list[tuple[int, Joint, Track]]:
-    """Number of the wheel, joint and track of those that are there."""
-    return [(i, joint, Track()) for i, joint in enumerate(joints) if joint is not None]

@@ -13,6 +13,7 @@ is a sum of constant shares of the cosine and the sine of the wheel's heading α
 """
 
 import math
+import struct
 from collections.abc import Sequence
 
 import numpy as np
@@ -153,7 +154,9 @@ class Drive:
         for each in headings:
             both += map(math.cos, each)
             both += map(math.sin, each)
-        return self._turned(np.array(both).reshape(len(headings), -1))
+        # In half the time of an array of them.
+        turns = np.frombuffer(struct.pack(f"{len(both)}d", *both))
+        return self._turned(turns.reshape(len(headings), -1))
 
     def many_known_rows(self, headings: Floats) -> Floats:
         """As :meth:`known_rows`, of so many headings that numpy is faster with them.

@@ -53,6 +53,13 @@ class Absences:
 
     def step(self, step: Step) -> Step:
         """Takes in a step; returns it without what servos say that have just come back."""
+        # One sum tells whether anything is missing, rare where all wheels are driven and steered.
+        if self._since or not math.isfinite(sum(step.wheel_rate) + sum(step.heading)):
+            self._miss(step)
+        return self._without(step) if self._until else step
+
+    def _miss(self, step: Step) -> None:
+        """Follows who is silent, and for how long."""
         rates, headings = step.wheel_rate, step.heading
         silent = [i for i in self._rolls if math.isnan(rates[i])]
         silent += [self._n + i for i in self._steers if math.isnan(headings[i])]
@@ -60,7 +67,6 @@ class Absences:
         for servo, since in self._since.items():
             if step.end - since >= MISSED_NS:
                 self._until[servo] = step.end + BACK_NS
-        return self._without(step) if self._until else step
 
     def lasting(self, wheels: Ints, off: list[bool]) -> list[bool]:
         """Which of the rolling servos of these wheels are off, but not just for having come back.

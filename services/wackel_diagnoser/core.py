@@ -101,6 +101,7 @@ class Diagnoser:
     ) -> None:
         layout = Layout(config)
         self._values = {name: StuckValue() for name in gyros}
+        self._stuck: list[str] = []
         self._alignment = Alignment(layout, gyros)
         self._reference = Reference(layout, config)
         self._commands = CommandWatch(layout)
@@ -325,11 +326,7 @@ class Diagnoser:
         """Whether a wheel or a gyro is further off what it was told than it mostly is, by what
         was known of that when hypotheses were looked at last."""
         # Single numbers: for some rows, Python is faster with them than numpy.
-        gyros, omega = self._rows.gyros, measured.followed[2]
-        misses = measured.z[gyros.start :].tolist()
-        for at, turns in enumerate(measured.h[gyros, 2].tolist()):
-            misses[at] -= turns * omega
-        for off, variance in zip(misses, self._usual, strict=True):
+        for off, variance in zip(measured.misses, self._usual, strict=True):
             if not off * off / variance <= STIRS:  # as what is not known may
                 return True
         return False
@@ -381,7 +378,9 @@ class Diagnoser:
                     value.turns(end, told)
                 if value.stuck:
                     stuck.append(name)
-        self._verdicts.stuck(stuck)
+        if stuck != self._stuck:
+            self._stuck = stuck
+            self._verdicts.stuck(stuck)
 
     def _correct(self) -> None:
         """The zero of a steering is wrong, or right again: what was concluded before is void."""

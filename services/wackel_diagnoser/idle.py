@@ -138,8 +138,9 @@ class IdleMotors:
         for i, (amperes, mean) in enumerate(zip(alone, means, strict=True)):
             effort = min(amperes * amperes / max(mean, _SWAYING), HARDEST)
             awake[i] += (effort - awake[i]) * share
-        hastened = _changes(self._hastened, inertias, seconds)
-        changes = _changes(self._needed, alone, seconds)
+        steady = min(1.0, seconds / STEADY_S)
+        hastened = _changes(self._hastened, inertias, steady)
+        changes = _changes(self._needed, alone, steady)
         # The laziest of the others says how much there is to do.
         lowest, second = sorted(awake)[:2]
         most_changed, less_changed = sorted(changes)[:-3:-1]
@@ -150,9 +151,10 @@ class IdleMotors:
             square, inertia = speeds[i] * speeds[i], inertias[i] * inertias[i]
             # Friction that is known badly may look like idling; that it is tells nothing.
             rough = _MOST_SWAYING + unsure * square
-            changed = most_changed if changes[i] < most_changed else less_changed
-            new = hastened[i] >= EVEN * mean or changed >= max(EVEN * mean, WORKS * _SWAYING)
-            tells = new and inertia >= HASTENS * rough and max(mean, inertia) >= WORKS * rough
+            tells = inertia >= HASTENS * rough and max(mean, inertia) >= WORKS * rough
+            if tells and hastened[i] < EVEN * mean:  # only if others' needs are new
+                changed = most_changed if changes[i] < most_changed else less_changed
+                tells = changed >= max(EVEN * mean, WORKS * _SWAYING)
             if not (tells or gathered):
                 continue
             noise = _SWAYING + unsure * square
@@ -203,9 +205,11 @@ class IdleMotors:
         ]
 
 
-def _changes(steady: list[float], now: list[float], seconds: float) -> list[float]:
-    """How far each is off its mean of late, as squares; the means follow."""
-    share = min(1.0, seconds / STEADY_S)
-    changes = [*map(sub, now, steady)]
-    steady[:] = [mean + share * change for mean, change in zip(steady, changes, strict=True)]
-    return [change * change for change in changes]
+def _changes(means: list[float], now: list[float], share: float) -> list[float]:
+    """How far each is off its mean of late, as squares; the means follow by that share."""
+    squares = []
+    for i, each in enumerate(now):
+        change = each - means[i]
+        means[i] += share * change
+        squares.append(change * change)
+    return squares

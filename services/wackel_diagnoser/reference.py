@@ -188,7 +188,7 @@ class Reference:
         most = rate * dt
         gap = [*map(sub, state, goal)]
         turns, hastens = gap[:n], gap[n:]
-        middle, turned = self._move(gap, dt, most)
+        middle, turned = self._move(turns, hastens, dt, most)
         self._lags.follow(goal, dt, most)
         if learnt_s and (max(gap) > TELLS or min(gap) < -TELLS):
             self._learn(heading, step, learnt_s, (_tells(turns), _tells(hastens)))
@@ -196,8 +196,9 @@ class Reference:
         self._envelope = [*map(max, map(abs, turns), [fade * each for each in self._envelope])]
         lags = dt / self._lags.used_s[1]
         fade = math.exp(-lags)
-        later = map(add, self._late, [lags * now for now in hastens])
-        late = self._late = [fade * each for each in later]
+        late = self._late = [
+            fade * (before + lags * now) for before, now in zip(self._late, hastens, strict=True)
+        ]
         speed = middle[n:]
         if any(halves):
             for i, half in enumerate(halves):
@@ -229,11 +230,13 @@ class Reference:
         heading, speed, still = self._nowhere
         return Target(heading, heading, gap, speed, still, still, heading, _NO_TWIST, known=False)
 
-    def _move(self, gap: list[float], dt: float, most: float) -> tuple[list[float], list[float]]:
+    def _move(
+        self, turns: list[float], hastens: list[float], dt: float, most: float
+    ) -> tuple[list[float], list[float]]:
         """Headings and speeds follow the goal.
 
         Args:
-            gap: By which they are off it, rad and m/s.
+            turns, hastens: By which they are off it, rad and m/s.
             dt: How long, s.
             most: By how much a steering can turn meanwhile, rad.
 
@@ -241,12 +244,14 @@ class Reference:
             What they were on average, and by how much steerings turned.
         """
         steering_s, rolling_s = self._lags.used_s
-        n, rolls, before = self._n, len(self._rolls), self._state
-        shares = [math.expm1(-dt / steering_s)] * n + [math.expm1(-dt / rolling_s)] * rolls
-        lags = [steering_s / dt] * n + [rolling_s / dt] * rolls
-        moved = [*map(mul, shares, gap)]
-        middle = [*map(sub, self._goal, map(mul, lags, moved))]
-        turned = moved[:n]
+        before = self._state
+        share, lag = math.expm1(-dt / steering_s), steering_s / dt
+        turned = [share * each for each in turns]
+        off = [lag * each for each in turned]
+        share, lag = math.expm1(-dt / rolling_s), rolling_s / dt
+        moved = turned + [share * each for each in hastens]
+        off += [lag * each for each in moved[self._n :]]
+        middle = [*map(sub, self._goal, off)]
         for i, each in enumerate(turned):
             if -most <= each <= most:
                 self._fast_s[i] = 0.0

@@ -84,7 +84,7 @@ slip, friction decides."""
 NOISE = 0.01
 """Share of the currents' squares that is noise: they sway by 5 mA, of 50 that driving needs."""
 TINY = 1e-9
-"""Information that is none."""
+"""Share of what is known before driving that is as good as nothing."""
 ROUNDED = 0.3
 """Encoder steps, the same for what stays rounded alike: 1/√12."""
 
@@ -155,6 +155,9 @@ class SmallFaults:
         creeping[constants.gyro] = (YAWING / layout.drive.length_m) ** 2
         self._creeping: Floats = np.diag(creeping)
         self._prior = np.diag(constants.prior)
+        self._drives = drives = slice(constants.off.start, constants.stands.start)
+        self._drives_prior = self._prior[drives, drives].copy()
+        self._drives_prior[constants.gives_way - drives.start] *= TINY
         # By parameter: only rows on the twist contradict each other, less the three that it takes.
         self._forced = np.zeros(constants.count)
         self._forced[constants.kinds[0]] = FORCED**2
@@ -329,8 +332,8 @@ class SmallFaults:
         # concluded with it; and what a window says of it is diluted by itself.
         at = self._constants.gives_way
         with_it = GIVES_WAY * covariance[:, at] / covariance[at, at]
-        unsure = covariance + np.outer(with_it, with_it) + self._accurate + creep * self._creeping
-        unsure += self._dilution(usual)
+        unsure = covariance + with_it[:, None] * with_it + self._accurate + creep * self._creeping
+        unsure[:, self._drives, self._drives] += self._dilution(usual)
         errors, wheels = usual[: self._wheels], range(self._wheels)
         unsure[:, wheels, wheels] += SHIFTS**2 * errors.dot(errors) / self._wheels
         forced = self._forced_slip(self._told, usual) / np.array(self._motions_told)[:, None]
@@ -354,20 +357,17 @@ class SmallFaults:
 
     def _dilution(self, usual: Floats) -> Floats:
         """Covariances of what drives seem to change by where currents vary little beside their
-        noise (regression dilution), in each window, shape (W, P, P).
+        noise (regression dilution), of their D parameters in each window, shape (W, D, D).
 
         By the share of noise in what varies beyond speeds and accelerations, they seem to give way
         less. What each pushes all the while then seems its own.
         """
-        constants, told = self._constants, self._told
-        at, own = constants.gives_way, [*constants.off, constants.late]
-        across = told[:, own, at]
-        alike = told[:, own][:, :, own] + self._prior[own][:, own]
-        change = np.zeros(told.shape[:2])
-        change[:, at] = 1.0
-        change[:, own] = -np.linalg.solve(alike, across[:, :, None])[:, :, 0]
-        varies = np.maximum(told[:, at, at] + np.vecdot(across, change[:, own]), TINY)
-        change *= usual[at] * np.minimum(NOISE * told[:, at, at] / varies, 1.0)[:, None]
+        drives, gives_way = self._drives, self._constants.gives_way
+        told, at = self._told[:, drives, drives], gives_way - drives.start
+        # What changes with how they give way, by the information that is left of that alone.
+        change = np.linalg.inv(told + self._drives_prior)[:, :, at]
+        noise = np.minimum(NOISE * told[:, at, at], 1.0 / change[:, at])
+        change *= (usual[gives_way] * noise)[:, None]
         return change[:, :, None] * change[:, None, :]
 
     def _ended(self, tests: "_Tests", found: Change) -> bool:

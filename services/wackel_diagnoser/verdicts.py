@@ -149,11 +149,9 @@ class Verdicts:
             self._small.forget()  # what was constant no longer is, or is again
 
     def stuck(self, gyros: Iterable[str]) -> None:
-        """Which gyros' values are known to be stuck."""
-        stuck = frozenset(map(component.gyro, gyros))
-        if stuck != self._stuck:
-            self._stuck = stuck
-            self._small.forget()
+        """Other gyros' values than before are known to be stuck."""
+        self._stuck = frozenset(map(component.gyro, gyros))
+        self._small.forget()
 
     def void(self) -> None:
         """What was concluded before no longer holds."""

@@ -33,6 +33,7 @@ class Driven:
         self._measured = Measured(
             nothing,
             np.zeros((rows.count, 3)),
+            nothing[rows.gyros.start :].tolist(),
             lambda: Spread(nothing, nothing, nothing),
             [0.0] * 3,
             [0.0] * 3,

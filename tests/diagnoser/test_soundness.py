@@ -44,6 +44,7 @@ class Named:
             measured = Measured(
                 z,
                 h,
+                z[self._rows.gyros.start :].tolist(),
                 lambda: spread,
                 [],
                 [],
