@@ -19,7 +19,7 @@ from wackel_kinematics.array import Floats
 from wackel_node.config_drive import DriveConfig, GyroConfig
 from wackel_odometry.complaints import InputWatch
 from wackel_odometry.dispute import Dispute
-from wackel_odometry.filter import FIRST_BIAS, OMEGA, POSE, TWIST, PlanarFilter
+from wackel_odometry.filter import FIRST_BIAS, OMEGA, POSE, TWIST, Estimate, PlanarFilter
 from wackel_odometry.gate import GATE, TOLD, Verdict, gate
 from wackel_odometry.gyro_watch import GyroWatch
 from wackel_odometry.reports import Complaint, Reports
@@ -130,7 +130,10 @@ class Odometer:
         taken = self._alignment.bus_state(bus, state)
         if self._alignment.restarts != restarts:
             self._unseen(before or 0, self._alignment.done or 0)
-        return [*(self._steps() if taken else ()), *self._refusals(state.stamp)]
+        messages = self._steps() if taken else []
+        if self._alignment.refused:
+            messages += self._refusals(state.stamp)
+        return messages
 
     def imu(self, name: str, sample: ImuSample) -> list[Message]:
         """Takes in a sample of an inertial sensor; one that is not configured is ignored.
@@ -150,7 +153,9 @@ class Odometer:
                 self._backlog = True
                 refused.clear()
         watch.sample(stamp, sample.angular_velocity, rate, sound, self._alignment.newest)
-        messages = [*self._steps(), *self._refusals(stamp)]
+        messages = self._steps()
+        if self._alignment.refused:
+            messages += self._refusals(stamp)
         # One that was never in step may have any clock.
         if watch.in_step and watch.witness.waited(stamp, self._alignment.done) >= SILENT_NS:
             messages += self._silence(stamp)
@@ -257,14 +262,16 @@ class Odometer:
             verdict = self._move(rows, usable, step.seconds)
         else:
             self._dispute.settle(step.seconds)
-        self._watch_gyros(rows, usable, verdict, step, standing)
-        if not estimator.sound():
+        estimate = estimator.estimate()
+        self._watch_gyros(rows, usable, verdict, step, estimate.x, standing=standing)
+        if not estimate.sound:
             estimator.restart()
+            estimate = estimator.estimate()
             self._lost = "the arithmetic has failed; the pose starts anew"
             self._lost_until = math.inf
         elif self._lost and step.end >= self._lost_until:
             self._lost = ""
-        self._latest = self._odometry(step, rows, usable, verdict, standing)
+        self._latest = self._odometry(step, rows, usable, verdict, estimate, standing=standing)
         return self._latest
 
     def _move(self, rows: Measurements, usable: list[bool], seconds: float) -> Verdict:
@@ -384,11 +391,18 @@ class Odometer:
         return off, [*map(math.sqrt, map(add, variances, rows.white[first:]))]
 
     def _watch_gyros(
-        self, rows: Measurements, usable: list[bool], verdict: Verdict, step: Step, standing: bool
+        self,
+        rows: Measurements,
+        usable: list[bool],
+        verdict: Verdict,
+        step: Step,
+        x: list[float],
+        *,
+        standing: bool,
     ) -> None:
         """Holds each gyro against the yaw rate that the rest says, which its innovation leaves."""
         if self._gyros:
-            first, x = self._rows.wheels, self._filter.x.tolist()
+            first = self._rows.wheels
             shown = rows.values[first:]
             for i, watch in enumerate(self._gyros.values()):
                 bias, others = x[FIRST_BIAS + i], x[OMEGA]
@@ -401,17 +415,22 @@ class Odometer:
                 watch.step(step, others, shown[i], bias)
 
     def _odometry(
-        self, step: Step, rows: Measurements, usable: list[bool], verdict: Verdict, standing: bool
+        self,
+        step: Step,
+        rows: Measurements,
+        usable: list[bool],
+        verdict: Verdict,
+        estimate: Estimate,
+        *,
+        standing: bool,
     ) -> Odometry:
-        x, covariance = self._filter.x.tolist(), self._filter.P.ravel().tolist()
-        size = len(x)
-        variances = covariance[:: size + 1]
+        covariance, variances, size = estimate.covariance, estimate.variances, len(estimate.x)
         inputs = self._input_states(usable, verdict)
         reason = self._lost
         if any(map(gt, variances[TWIST], BLIND_VARIANCE)):
             reason = f"too few inputs: {_left_out(inputs)}"
         done, newest = step.end, self._alignment.newest or step.end
-        px, py, theta, vx, vy, omega, *biases = x
+        px, py, theta, vx, vy, omega, *biases = estimate.x
         return Odometry(
             stamp=done,
             x=px,
@@ -507,12 +526,9 @@ class Odometer:
 
     def _refusals(self, now: int) -> list[FaultReport]:
         """What is wrong with samples that have just come; told even where no step is made."""
-        refused = self._alignment.refused
-        if not refused:
-            return []
         now = self._alignment.newest or now
-        self._inputs.refuse(refused, now)
-        refused.clear()
+        self._inputs.refuse(self._alignment.refused, now)
+        self._alignment.refused.clear()
         return [
             report
             for path, complaints in self._inputs.complaints(now).items()

@@ -52,6 +52,32 @@ class Expected(Struct, frozen=True, gc=False):
         return Expected(self.innovation[kept], self.seen[kept], self.spread[np.ix_(kept, kept)])
 
 
+class Estimate(Struct, frozen=True, gc=False):
+    """A state in single numbers: for so few, Python is faster with them than numpy.
+
+    Attributes:
+        x: The state.
+        covariance: Of it, row by row.
+    """
+
+    x: list[float]
+    covariance: list[float]
+
+    @property
+    def variances(self) -> list[float]:
+        """Of each number of the state."""
+        return self.covariance[:: len(self.x) + 1]
+
+    @property
+    def sound(self) -> bool:
+        """Whether the state is one: finite, of this world, with variances that are not negative."""
+        return (
+            math.isfinite(sum(self.x) + sum(self.covariance))  # not so if any of them is not
+            and min(self.variances) >= 0.0
+            and max(map(abs, self.x[TWIST])) < FASTEST
+        )
+
+
 def with_variance(spread: Floats, variance: Floats) -> Floats:
     """S = H P Hᵀ + R, of what is predicted and of errors that are independent.
 
@@ -74,7 +100,7 @@ def whitening(s: Floats) -> Floats:
 
     Returns:
         Lower triangular, shape (m, m). It is NaN where S has a NaN, and nonsense where S is not
-        positive definite; neither raises: :meth:`PlanarFilter.sound` finds it in the state.
+        positive definite; neither raises: :attr:`Estimate.sound` finds it in the state.
     """
     # LAPACK without the checks of numpy and scipy, which take longer than a matrix of this size. To
     # invert or solve, potri and trtrs take longer than this and the products that it needs.
@@ -198,11 +224,6 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         self.x += change
         self.P -= known
 
-    def sound(self) -> bool:
-        """Whether the state is one: finite, of this world, with variances that are not negative."""
-        state, covariance = self.x.tolist(), self.P.ravel().tolist()
-        return (
-            math.isfinite(sum(state) + sum(covariance))  # not so if any of them is not
-            and min(covariance[:: len(state) + 1]) >= 0.0
-            and max(map(abs, state[TWIST])) < FASTEST
-        )
+    def estimate(self) -> Estimate:
+        """The state as it is now."""
+        return Estimate(self.x.tolist(), self.P.ravel().tolist())

@@ -65,11 +65,13 @@ class Standstill:
 
     def _still(self, rates: list[float], believed: list[bool], seconds: float) -> bool:
         """Whether no wheel has moved from where it stood, and at least one says so."""
-        heard = [i for i, rate in enumerate(rates) if believed[i] and math.isfinite(rate)]
-        for i in heard:
-            self._turned[i] += rates[i] * seconds
-            if abs(self._turned[i]) > self._tremble:
-                break
+        heard, turned = False, self._turned
+        for i, rate in enumerate(rates):
+            if believed[i] and math.isfinite(rate):
+                heard = True
+                turned[i] += rate * seconds
+                if abs(turned[i]) > self._tremble:
+                    break
         else:
             if heard:
                 return True

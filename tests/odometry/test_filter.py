@@ -126,13 +126,13 @@ def test_a_bias_learned_at_rest_mends_the_heading_that_it_has_bent() -> None:
 def test_a_state_that_is_none_is_noticed() -> None:
     for spoil in (math.nan, math.inf, 1e9):
         estimator = a_filter()
-        assert estimator.sound()
+        assert estimator.estimate().sound
         estimator.x[4] = spoil
-        assert not estimator.sound()
+        assert not estimator.estimate().sound
     estimator.restart()
-    assert estimator.sound()
+    assert estimator.estimate().sound
     estimator.P[0, 0] = -1.0
-    assert not estimator.sound()
+    assert not estimator.estimate().sound
 
 
 def test_errors_are_as_large_as_the_covariance_says() -> None:
