@@ -224,7 +224,7 @@ class SmallFaults:
         """How drives follow references, which have this lag."""
         constants, usual = self._constants, self._usual.tolist()
         off = usual[constants.off.start : constants.off.stop]
-        gives_way = max(usual[constants.gives_way], 0.0)
+        gives_way = usual[constants.gives_way]
         late_s = usual[constants.late] + constants.drive_lag_s - drive_lag_s
         self.following = Following(off, gives_way, late_s)
 
@@ -256,6 +256,10 @@ class SmallFaults:
         known = normal / (1.0 + self._forced_slip(normal, self._usual) / self._motions)[:, None]
         covariance: Floats = np.asarray(np.linalg.inv(known[:, :-1] + self._prior))
         usual = self._usual = covariance @ known[:, -1]
+        at = self._constants.gives_way
+        if usual[at] < 0.0:
+            # No drive runs ahead of its load: with none that gives way, the rest is otherwise, too.
+            usual -= covariance[:, at] * (usual[at] / covariance[at, at])
         information = told[:, :-1]
         off, of_it = told[:, -1] - information @ usual, information.diagonal()
         squares = (
