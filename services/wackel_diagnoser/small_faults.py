@@ -260,6 +260,7 @@ class SmallFaults:
         if usual[at] < 0.0:
             # No drive runs ahead of its load: with none that gives way, the rest is otherwise, too.
             usual -= covariance[:, at] * (usual[at] / covariance[at, at])
+            usual[at] = 0.0  # not what rounding leaves
         information = told[:, :-1]
         off, of_it = told[:, -1] - information @ usual, information.diagonal()
         squares = (
