@@ -236,7 +236,7 @@ class Reference:
         """Headings and speeds follow the goal.
 
         Args:
-            turns, hastens: By which they are off it, rad and m/s.
+            turns, hastens: By which they are off it, rad of each wheel and m/s of each roll row.
             dt: How long, s.
             most: By how much a steering can turn meanwhile, rad.
 

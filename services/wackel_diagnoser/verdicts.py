@@ -149,7 +149,7 @@ class Verdicts:
             self._small.forget()  # what was constant no longer is, or is again
 
     def stuck(self, gyros: Iterable[str]) -> None:
-        """Other gyros' values than before are known to be stuck."""
+        """These gyros' values, and no others', are stuck from now on; to be told when it changes."""
         self._stuck = frozenset(map(component.gyro, gyros))
         self._small.forget()
 

@@ -56,8 +56,8 @@ class Estimate(Struct, frozen=True, gc=False):
     """A state in single numbers: for so few, Python is faster with them than numpy.
 
     Attributes:
-        x: The state.
-        covariance: Of it, row by row.
+        x: The state, as :class:`PlanarFilter` orders it: 6 + g numbers in m, rad and their rates.
+        covariance: Of it, row by row: (6 + g)² numbers.
     """
 
     x: list[float]
