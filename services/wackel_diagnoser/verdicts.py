@@ -149,7 +149,7 @@ class Verdicts:
             self._small.forget()  # what was constant no longer is, or is again
 
     def stuck(self, gyros: Iterable[str]) -> None:
-        """These gyros' values, and no others', are stuck from now on; to be told when it changes."""
+        """These gyros' values, and no others', are stuck from now on; to be told as it changes."""
         self._stuck = frozenset(map(component.gyro, gyros))
         self._small.forget()
 
