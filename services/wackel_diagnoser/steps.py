@@ -31,8 +31,9 @@ class Judgement(NamedTuple):
         at_contact, coincident: Step I, which are singular of kind A and B.
         left: Which Step I leaves.
         deviates: Step II, which of those miss the command.
+        matched: Whose signature that is.
         redundancy: Step III's conditions; none while no candidate deviates.
-        components: What Step III names, or Step II where that is enough.
+        components: What Step III names.
         fault: ``sensor`` or ``actuator`` by Step IV; empty where it says nothing.
         texts: A sentence for each step.
     """
@@ -42,6 +43,7 @@ class Judgement(NamedTuple):
     coincident: list[bool]
     left: list[bool]
     deviates: list[bool]
+    matched: list[str]
     redundancy: list[Redundancy]
     components: list[str]
     fault: str
@@ -108,32 +110,34 @@ class PaperSteps:
             usable and self._apart(twist, command)
             for usable, twist in zip(left, twists, strict=True)
         ]
+        matched: list[str] = []
         redundancy: list[Redundancy] = []
         components: list[str] = []
         fault = ""
         if any(off):
             sound = [list(compress(each, left)) for each in self._sound]
             seen = list(compress(off, left))
-            components = self._match(seen, sound)
+            matched = self._match(seen, sound)
             texts["II"] = f"Candidates {as_text(seen)} miss the command: " + (
-                f"the signature of {_words(components)}."
-                if components
+                f"the signature of {_words(matched)}."
+                if matched
                 else "no signature of a single component."
             )
             usable = list(compress(twists, left))
             redundancy = self._conditions(usable, sound)
-            named, consensus = self._consistent(usable, sound, redundancy)
-            if named is not None:
-                components = named
-            texts["III"] = self._text_of_third(named)
-            if components and consensus is not None:
-                fault, texts["IV"] = self._fourth(consensus, command, yaw)
+            if self._agree(usable):
+                texts["III"] = "All candidates agree with each other, though not with the command."
+            else:
+                components, consensus = self._consistent(usable, sound, redundancy)
+                texts["III"] = self._text_of_third(components)
+                if components:
+                    fault, texts["IV"] = self._fourth(consensus, command, yaw)
         elif math.isfinite(sum(command)):
             texts["II"] = "All candidates agree with the command."
         else:
             texts["II"] = "No command is known to compare with."
         return Judgement(
-            twists, at_contact, coincident, left, off, redundancy, components, fault, texts
+            twists, at_contact, coincident, left, off, matched, redundancy, components, fault, texts
         )
 
     def candidates(self, judged: Judgement) -> list[Candidate]:
@@ -169,12 +173,9 @@ class PaperSteps:
     @staticmethod
     def steps(judged: Judgement) -> list[PaperStep]:
         """As messages."""
+        named = {"II": judged.matched, "III": judged.components, "IV": judged.components}
         return [
-            PaperStep(
-                step=step,
-                text=text,
-                components=judged.components if step in ("III", "IV") else [],
-            )
+            PaperStep(step=step, text=text, components=named.get(step, []))
             for step, text in judged.texts.items()
         ]
 
@@ -212,7 +213,7 @@ class PaperSteps:
 
     def _consistent(
         self, twists: list[list[float]], sound: list[list[bool]], redundancy: list[Redundancy]
-    ) -> tuple[list[str] | None, list[float] | None]:
+    ) -> tuple[list[str], list[float]]:
         """Step III: components without which all agree, while every candidate with them does not.
 
         Of several, those that leave the largest set that agrees.
@@ -223,17 +224,15 @@ class PaperSteps:
             redundancy: Of the same components.
 
         Returns:
-            The components, ``None`` if all candidates agree; and the twist of those that agree.
+            The components, and the twist of the candidates that agree; both empty if there are none.
         """
-        if self._agree(twists):
-            return None, _mean(twists)
         sizes = [
             sum(each) if holds.agree and holds.apart else 0
             for each, holds in zip(sound, redundancy, strict=True)
         ]
         largest = max(sizes)
         if not largest:
-            return [], None
+            return [], []
         best = [i for i, size in enumerate(sizes) if size == largest]
         return [self._suspects[i] for i in best], _mean([*compress(twists, sound[best[-1]])])
 
@@ -263,9 +262,7 @@ class PaperSteps:
         return f"Left out: {'; '.join(said)}." if said else "No candidate is singular."
 
     @staticmethod
-    def _text_of_third(found: list[str] | None) -> str:
-        if found is None:
-            return "All candidates agree with each other, though not with the command."
+    def _text_of_third(found: list[str]) -> str:
         if not found:
             return "No single component explains which candidates agree."
         if len(found) == 1:

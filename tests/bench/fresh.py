@@ -21,9 +21,9 @@ _CODE = (
 )
 _NO_PART = (
     *("__main__.py", "service.py", "port.py", "scenario.py", "coupled_drive.py"),
-    *("explain.py", "isolability.py", "test_*.py", "conftest.py"),
+    *("display.py", "steps.py", "explain.py", "isolability.py", "test_*.py", "conftest.py"),
 )
-"""Of what drives a robot here."""
+"""Of what drives a robot here and decides what is wrong with it."""
 
 
 def version() -> str:

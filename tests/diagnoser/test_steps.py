@@ -22,13 +22,14 @@ def judged(
     beta_off: float = 0.0,
     yaw: float = 1.5,
     command: Sequence[float] = CIRCLE,
+    motion: Sequence[float] = CIRCLE,
 ) -> Judgement:
     layout = Layout(steered_drive(3))
     drive = layout.drive
-    motion = inverse(drive, np.array(CIRCLE), drive.steering(np.zeros(3)))
-    rate = motion.wheel_rate * np.array([others, others, rate_of_3])
-    beta = motion.steering + np.array([0.0, 0.0, beta_off])
-    goal = drive.heading(motion.steering).tolist()
+    told = inverse(drive, np.array(motion), drive.steering(np.zeros(3)))
+    rate = told.wheel_rate * np.array([others, others, rate_of_3])
+    beta = told.steering + np.array([0.0, 0.0, beta_off])
+    goal = drive.heading(told.steering).tolist()
     return PaperSteps(layout).judge(drive.heading(beta).tolist(), rate.tolist(), goal, command, yaw)
 
 
@@ -45,6 +46,8 @@ def test_the_oscillating_rate_of_wheel_3_gives_the_papers_signature() -> None:
     assert PaperSteps.signature(found) == "000101"
     assert found.components == ["wheel/w2/drive"]
     assert found.fault == "sensor"  # all others and the gyro match the command
+    named = {step.step: step.components for step in PaperSteps.steps(found)}
+    assert named == {"I": []} | dict.fromkeys(("II", "III", "IV"), ["wheel/w2/drive"])
 
 
 def test_wheel_3_blocked_spoils_all_candidates_and_step_3_names_it() -> None:
@@ -57,6 +60,19 @@ def test_wheel_3_blocked_spoils_all_candidates_and_step_3_names_it() -> None:
     assert len(conditions) == 6
     assert conditions["wheel/w2/drive"] == (True, True)
     assert list(conditions.values()).count((True, True)) == 1
+    # The signature of all candidates is no component's, so Step II names none.
+    assert [each.components for each in PaperSteps.steps(found)[:2]] == [[], []]
+
+
+def test_a_robot_that_is_too_slow_as_a_whole_accuses_no_component() -> None:
+    # Straight ahead some axles coincide, and all candidates that are left share one steering.
+    ahead = (0.5, 0.0, 0.0)
+    found = judged(rate_of_3=0.8, others=0.8, yaw=0.0, command=ahead, motion=ahead)
+    assert any(found.coincident)
+    assert found.matched == ["wheel/w1/steering"]
+    assert "agree with each other" in found.texts["III"]
+    assert (found.components, found.fault) == ([], "")
+    assert "IV" not in found.texts
 
 
 def test_a_steering_that_stands_off_gives_its_signature() -> None:
