@@ -5,15 +5,22 @@ import select
 import sys
 import termios
 import tty
+from contextlib import suppress
 from types import TracebackType
 from typing import Any, Self
 
 
 class Keyboard:
-    """Use with ``with``: the terminal is as it was afterwards. Without a terminal no key comes."""
+    """Use with ``with``: the terminal is as it was afterwards.
+
+    No key comes without a terminal, nor in its background: there the system would suspend who
+    reads keys or changes how they come.
+    """
 
     def __init__(self) -> None:
         self._fd = sys.stdin.fileno() if sys.stdin is not None and sys.stdin.isatty() else -1
+        if self._in_background():
+            self._fd = -1
         self._before: list[Any] = []
 
     def __enter__(self) -> Self:
@@ -28,11 +35,21 @@ class Keyboard:
         exc: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        if self._before:
-            termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
+        if self._before and not self._in_background():
+            with suppress(termios.error):  # it is closed
+                termios.tcsetattr(self._fd, termios.TCSADRAIN, self._before)
 
     def typed(self) -> str:
         """What was typed since the last call."""
-        if self._fd < 0 or not select.select([self._fd], [], [], 0)[0]:
+        if self._fd < 0 or self._in_background() or not select.select([self._fd], [], [], 0)[0]:
             return ""
-        return os.read(self._fd, 64).decode(errors="replace")
+        try:
+            return os.read(self._fd, 64).decode(errors="replace")
+        except OSError:  # it is closed
+            return ""
+
+    def _in_background(self) -> bool:
+        try:
+            return self._fd >= 0 and os.tcgetpgrp(self._fd) != os.getpgrp()
+        except OSError:  # a terminal that suspends nobody: another's, or closed
+            return False

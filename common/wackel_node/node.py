@@ -17,6 +17,7 @@ from wackel_node.link import Link
 from wackel_node.log import logger
 from wackel_node.notify import notify
 from wackel_node.publisher import Publisher
+from wackel_node.stop_signals import stop_signals
 from wackel_schemas.health import Heartbeat
 from wackel_schemas.inputs import Inputs
 from wackel_schemas.keys import ALIVE, INPUTS, ROOT
@@ -34,8 +35,8 @@ class Node(Link):
     """A link with a life cycle; one per service process, in its main thread.
 
     Everyone sees it by its liveliness token (process there), its heartbeat (main loop turns) and
-    the state in the heartbeat. SIGINT and SIGTERM end :meth:`run`; leaving the ``with`` block by
-    an exception publishes it as the reason of a crash.
+    the state in the heartbeat. A signal to stop ends :meth:`run`; leaving the ``with`` block by an
+    exception publishes it as the reason of a crash.
 
     Args:
         service, instance: Its name.
@@ -60,7 +61,7 @@ class Node(Link):
         self._previous: dict[int, Callable[[int, FrameType | None], None] | int | None] = {}
 
     def __enter__(self) -> Self:
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in stop_signals():
             self._previous[number] = signal.signal(number, lambda *_: self.stop())
         self._beat()
         self.every(HEARTBEAT_S, self._beat)

@@ -158,6 +158,7 @@ class Supervisor:
             for run, process in running:
                 if run.job.outlives:
                     process.terminate()
+        changes = []
         for run, process in running:
             try:
                 process.wait(max(0.0, limit - time.monotonic()))
@@ -167,6 +168,8 @@ class Supervisor:
                 process.wait()
                 change = Change(run.job.name, "killed", process.pid, "did not stop in time")
             run.process, run.due_s = None, None
+            changes.append(change)
+        for change in changes:  # now that none is left: the reader of what is told may be gone
             self._on_change(change)
 
     def _due_s(self, run: _Run) -> float | None:

@@ -19,6 +19,7 @@ from wackel_node.config import RobotConfig, load
 from wackel_node.errors import OK, AlreadyRunning
 from wackel_node.link import Link
 from wackel_node.session import NotReached
+from wackel_node.stop_signals import stop_signals
 from wackel_recording.reader import open_recordings
 from wackel_schemas import keys
 from wackel_schemas.health import Health, Heartbeat
@@ -251,9 +252,7 @@ def stopped_by_signals(link: Link) -> Iterator[Callable[[], bool]]:
         stopping = True
         link.wake()
 
-    handlers: dict[signal.Signals, Callable[..., None]] = dict.fromkeys(
-        (signal.SIGINT, signal.SIGTERM, signal.SIGHUP), stop
-    )
+    handlers: dict[signal.Signals, Callable[..., None]] = dict.fromkeys(stop_signals(), stop)
     handlers[signal.SIGCHLD] = lambda *_: link.wake()
     previous = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     try:

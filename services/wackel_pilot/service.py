@@ -1,5 +1,6 @@
 """Publishes commands at a steady rate until a signal ends it, then stops the wheels."""
 
+import signal
 import time
 from functools import partial
 
@@ -48,14 +49,15 @@ def run(config: RobotConfig, drive: DriveConfig, path: Path, duration_s: float |
         if "pilot/main" in link.alive():
             raise AlreadyRunning(f"a pilot drives robot {config.robot} already; stop it first")
     with Node("pilot", "main", config) as node:
+        # Suspended, it would leave the robot driving: servos go on as they were last told.
+        signal.signal(signal.SIGTSTP, lambda *_: node.stop())
         layout = Layout(drive)
         control = Control(drive, prepared(config, layout, partial(_ask, node)))
         twists = node.publisher(keys.TWIST_COMMAND)
         commands = {bus: node.publisher(keys.COMMAND, bus=bus) for bus in buses}
         hearing = Hearing({bus: config.buses[bus].rate for bus in buses})
         silent: list[str] = []
-        start_s = time.monotonic()
-        torque_s = start_s
+        start_s = torque_s = time.monotonic()
 
         def command() -> None:
             nonlocal torque_s

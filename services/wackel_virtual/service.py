@@ -16,6 +16,7 @@ from wackel_node.errors import NotWritable
 from wackel_node.log import logger
 from wackel_node.node import Node
 from wackel_node.precedence import CONTROL, LOOK_S, GiveWay, come_first
+from wackel_node.stop_signals import stop_signals
 from wackel_schemas import keys
 from wackel_schemas.drive import ImuSample
 from wackel_schemas.virtual import Injection, VirtualReply, VirtualRequest
@@ -150,7 +151,7 @@ def run_alone(scenario: Scenario, path: Path | None = None) -> None:
         ConfigError, ImportError, NotWritable: As there.
     """
     stopped = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in stop_signals():
         signal.signal(number, lambda *_: stopped.set())
     buses = scenario.make()
     with (

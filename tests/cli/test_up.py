@@ -195,6 +195,23 @@ def test_hardware_is_stopped_once_nobody_reads_it_any_more(path: Path) -> None:
 
 
 @pytest.mark.process
+def test_all_are_stopped_even_if_nobody_can_be_told_any_more(path: Path) -> None:
+    pids = []
+
+    def on_change(change: Change) -> None:
+        if change.event != "started":
+            raise BrokenPipeError
+        pids.append(change.pid)
+
+    jobs = [replace(aggregator(path), name=name) for name in "ab"]
+    with pytest.raises(BrokenPipeError), Supervisor(jobs, on_change):
+        for pid in pids:
+            os.kill(pid, signal.SIGSTOP)  # so it has to be killed
+    assert len(pids) == 2
+    assert not any(map(is_running, pids))
+
+
+@pytest.mark.process
 def test_what_fails_again_and_again_is_tried_at_growing_distance() -> None:
     story = Story([Job("x", ("schema", "--check", "/nowhere"))])  # exit code 1
     with story.supervisor:

@@ -76,7 +76,7 @@ def witness(rendezvous: Rendezvous) -> Iterator[Witness]:
 
 
 def test_a_service_is_alive_beats_and_stops_on_request(start: Start, witness: Witness) -> None:
-    for number in (signal.SIGTERM, signal.SIGINT):
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         process = start()
         beat = witness.wait_for("ready")
         assert beat.pid == process.pid
@@ -88,6 +88,17 @@ def test_a_service_is_alive_beats_and_stops_on_request(start: Start, witness: Wi
         witness.wait(lambda: not witness.alive["sample/a"])
         witness.beats.clear()
         witness.alive.clear()
+
+
+def test_with_nohup_it_survives_the_terminal(start: Start, witness: Witness) -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)  # what is started inherits it
+    process = start()
+    signal.signal(signal.SIGHUP, before)
+    witness.wait_for("ready")
+    process.send_signal(signal.SIGHUP)
+    witness.beats.clear()
+    witness.wait(lambda: len(witness.beats) >= 3)
+    assert {beat.state for beat in witness.beats} == {"ready"}
 
 
 def test_heartbeats_are_numbered_within_a_boot(start: Start, witness: Witness) -> None:

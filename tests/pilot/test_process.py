@@ -101,7 +101,7 @@ def test_the_robot_drives_and_stops_when_the_pilot_is_stopped(tmp_path: Path) ->
                 lambda: robot.link.ask(keys.BUS_REQUEST, on, timeout_s=5.0, bus="main").value == 1
             )
 
-            driver.send_signal(signal.SIGINT)
+            driver.send_signal(signal.SIGTSTP)  # Ctrl-Z; what stops other services stops it, too
             assert driver.wait(5) == 0
         robot.wait(lambda: (watch.commands[-1].vx, watch.commands[-1].omega) == (0.0, 0.0))
         robot.wait(lambda: all(abs(watch.rates[i] or 0.0) < 0.05 for i in (0, 1, 2)))

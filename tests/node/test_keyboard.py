@@ -1,0 +1,57 @@
+"""Keys from a real terminal."""
+
+import os
+import sys
+import time
+
+import pytest
+
+from tests.conftest import wait_until
+from tests.terminal import on_terminal
+
+pytestmark = pytest.mark.process
+
+_SHELL = """
+import os, signal, subprocess, sys
+
+def to_the_foreground():
+    signal.signal(signal.SIGTTOU, signal.SIG_IGN)
+    os.tcsetpgrp(0, os.getpid())
+    signal.signal(signal.SIGTTOU, signal.SIG_DFL)
+
+first = to_the_foreground if sys.argv[1] == "foreground" else None
+job = subprocess.Popen([sys.executable, "-c", *sys.argv[2:]], process_group=0, preexec_fn=first)
+_, status = os.waitpid(job.pid, os.WUNTRACED)
+sys.exit(os.WIFSTOPPED(status) or os.waitstatus_to_exitcode(status))
+"""
+_WAITS_FOR_Q = """
+from wackel_node.keyboard import Keyboard
+with Keyboard() as keyboard:
+    while "q" not in keyboard.typed():
+        pass
+"""
+_LOOKS_ONCE = """
+from wackel_node.keyboard import Keyboard
+with Keyboard() as keyboard:
+    assert keyboard.typed() == ""
+"""
+
+
+def type_(terminal: int, keys: bytes) -> None:
+    os.write(terminal, keys)
+    time.sleep(0.05)
+
+
+@pytest.mark.parametrize(
+    ("ground", "job"), [("foreground", _WAITS_FOR_Q), ("background", _LOOKS_ONCE)]
+)
+def test_keys_come_in_the_foreground_and_nobody_is_suspended(ground: str, job: str) -> None:
+    shell, terminal = on_terminal(sys.executable, "-c", _SHELL, ground, job)
+    try:
+        # Again and again: what was typed before anyone waits for keys is not taken.
+        wait_until(lambda: shell.poll() is not None, 20, lambda: type_(terminal, b"xq"))
+        assert shell.returncode == 0
+    finally:
+        os.close(terminal)
+        shell.kill()
+        shell.wait()
