@@ -245,7 +245,10 @@ def open_recordings(paths: Iterable[Path]) -> list[Recording]:
     """
     sessions: dict[str, dict[Path, RecordingFile]] = {}
     for path in paths:
-        inside = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
+        try:
+            inside = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
+        except OSError as error:  # a directory that is not this user's
+            raise Unreadable(f"{path}: {error.strerror}") from error
         if not inside:
             raise Unreadable(f"{path}: no .mcap file in it")
         for each in inside:

@@ -1,8 +1,8 @@
 """Writing a recording: MCAP files that lose little in a crash, a new one after so much."""
 
+import errno
 import os
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
+from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -37,6 +37,7 @@ class RecordingWriter:
         path: The file in progress; ``None`` before the first message and after :meth:`abandon`.
         messages, foreign, undecodable: Written in all; of these on keys that are not wackel's;
             of these on wackel's keys, but without a message's header. Both are kept as they came.
+        lost: Of ``messages``, those that a disk then did not take.
         refused: Not written, because there are too many keys.
         reserve_bytes: Space on the disk that is left to others.
     """
@@ -65,9 +66,14 @@ class RecordingWriter:
         self._max_ns = None if max_s is None else int(max_s * 1e9)
         self.reserve_bytes = reserve_bytes
         self._file: _File | None = None
+        self._unstored = 0  # messages since the last flush
         self._closed_bytes = 0
         self._next_part = about.part
+        # To the medium in a thread, because an SD card may take seconds for it.
+        self._worker = ThreadPoolExecutor(1, "sync")
+        self._closing: list[Future[None]] = []
         self.messages = 0
+        self.lost = 0
         self.foreign = 0
         self.undecodable = 0
         self.refused = 0
@@ -86,12 +92,15 @@ class RecordingWriter:
         """Opens the next file, which :meth:`add` does by itself when it needs one.
 
         Raises:
-            OSError: It cannot be written.
+            OSError: It cannot be written, or later parts of another recording lie there, which
+                this one would run into.
         """
         path = self._path(self._next_part)
         path.parent.mkdir(parents=True, exist_ok=True)
+        if self._next_part == 0 and (later := self._path(1)).exists():
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(later))
         self._check_space(path.parent)
-        self._file = _File(path, replace(self._about, part=self._next_part))
+        self._file = _File(path, replace(self._about, part=self._next_part), self._worker)
         self._next_part += 1
 
     def add(self, key: str, arrived_ns: int, payload: bytes, header: Message | None) -> None:
@@ -113,6 +122,7 @@ class RecordingWriter:
             self.refused += 1
             return
         self.messages += 1
+        self._unstored += 1
         if header is None:
             foreign = topic_of(key) is None
             self.foreign += foreign
@@ -128,33 +138,51 @@ class RecordingWriter:
         if file is None:
             return
         file.flush()
+        self._unstored = 0
+        self._look_at_closing()
         try:
             self._check_space(file.path.parent)
         except OSError:
-            self.close()
+            self._finish()
             raise
         if (self._max_bytes is not None and file.size >= self._max_bytes) or (
             self._max_ns is not None and file.span_ns >= self._max_ns
         ):
-            self.close()
+            self._finish()
 
     def close(self) -> None:
-        """Ends the file in progress with its index; the next message opens a new one.
+        """Ends the file in progress with its index, and waits until the medium has all files.
 
         Raises:
             OSError: As :meth:`flush`.
         """
-        if self._file is not None:
-            self._file.finish()
-            self._closed_bytes += self._file.size
-            self._file = None
+        self._finish()
+        wait(self._closing)
+        self._look_at_closing()
 
     def abandon(self) -> None:
         """Lets go of a file that takes no more, with what it holds; the next message opens one."""
+        self.lost += self._unstored
+        self._unstored = 0
         if self._file is not None:
             self._file.release()
             self._closed_bytes += self._file.size
             self._file = None
+
+    def _finish(self) -> None:
+        """Ends the file in progress with its index; the next message opens a new one."""
+        if self._file is not None:
+            self._closing.append(self._file.finish())
+            self._unstored = 0
+            self._closed_bytes += self._file.size
+            self._file = None
+
+    def _look_at_closing(self) -> None:
+        """Raises what the medium has not taken of a file that is finished."""
+        done = [each for each in self._closing if each.done()]
+        self._closing = [each for each in self._closing if not each.done()]
+        for each in done:
+            each.result()
 
     def _path(self, part: int) -> Path:
         if self._output.suffix != ".mcap":
@@ -177,13 +205,13 @@ class RecordingWriter:
 class _File:
     """One MCAP file: channels and schemas as messages need them."""
 
-    def __init__(self, path: Path, about: About) -> None:
+    def __init__(self, path: Path, about: About, worker: Executor) -> None:
         self.path = path
         self.span_ns = 0
         self._first_ns: int | None = None
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
-        self._disk = _Disk(path)
+        self._disk = _Disk(path, worker)
         self._writer = Writer(self._disk, compression=CompressionType.ZSTD)  # type: ignore[arg-type]
         self._writer.start(PROFILE, f"wackel {about.version}")
         self._writer.add_metadata(METADATA_NAME, about.to_metadata())
@@ -229,14 +257,14 @@ class _File:
     def flush(self) -> None:
         self._writer.flush()  # type: ignore[no-untyped-call]
 
-    def finish(self) -> None:
+    def finish(self) -> Future[None]:
+        """Done when the medium has it."""
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._disk.flush()
-        self._disk.close()
+        return self._disk.close()
 
     def release(self) -> None:
-        with suppress(OSError):
-            self._disk.close()
+        self._disk.close()
         if self._disk.stored == 0:
             self.path.unlink(missing_ok=True)
 
@@ -245,16 +273,15 @@ class _Disk:
     """The file below the MCAP writer: takes all in memory, and errors come from :meth:`flush`.
 
     To the system at each flush, which is enough for a crash of the process; from there to the
-    medium in a thread, because an SD card may take seconds for it. A loss of power costs what
-    that thread had not finished.
+    medium by the worker. A loss of power costs what that had not finished.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, worker: Executor) -> None:
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         self._pending = bytearray()
         self._taken = 0
         self.stored = 0
-        self._worker = ThreadPoolExecutor(1, "sync")
+        self._worker = worker
         self._sync: Future[None] | None = None
 
     def write(self, data: bytes | memoryview) -> int:
@@ -278,12 +305,13 @@ class _Disk:
                 self._sync.result()
             self._sync = self._worker.submit(os.fdatasync, self._fd)
 
-    def close(self) -> None:
-        """Waits for the medium; what is still pending is lost."""
-        if self._fd < 0:
-            return
-        self._worker.shutdown()
-        os.close(self._fd)
-        self._fd = -1
-        if self._sync is not None:
-            self._sync.result()
+    def close(self) -> Future[None]:
+        """Done when the medium has what was flushed; what is still pending is lost."""
+        return self._worker.submit(_sync_and_close, self._fd)
+
+
+def _sync_and_close(fd: int) -> None:
+    try:
+        os.fdatasync(fd)
+    finally:
+        os.close(fd)

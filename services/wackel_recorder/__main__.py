@@ -5,6 +5,7 @@ import shutil
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from datetime import timedelta
 from pathlib import Path
 from secrets import token_hex
@@ -12,7 +13,7 @@ from secrets import token_hex
 from wackel_node import log
 from wackel_node.arguments import add_config, config_of
 from wackel_node.config import RobotConfig, dump
-from wackel_node.errors import OK, NotWritable
+from wackel_node.errors import FAILED, OK, NotWritable
 from wackel_node.listen import EVERYTHING, key_expression
 from wackel_node.node import Node
 from wackel_recorder.service import Recorder
@@ -63,11 +64,12 @@ def main(argv: list[str]) -> int:
                     config.robot,
                     config.zenoh.endpoint,
                 )
-        recorder.close()
-    if sys.stderr.isatty():
-        print(file=sys.stderr)
+        whole = recorder.close() and not recorder.lost
+    with suppress(OSError):  # a terminal that was closed
+        if sys.stderr.isatty():
+            print(file=sys.stderr)
     log.logger.info("%s", _sum(recorder, node))
-    return OK
+    return OK if whole else FAILED
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -75,7 +77,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="wackel record",
         description="Records all topics of the robot into MCAP files, until Ctrl-C. At most\n"
         "half a second is lost if the recorder is killed; play or replay read whatever\n"
-        "is there.",
+        "is there. If a disk did not take messages, the exit code is 1.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -165,21 +167,22 @@ def _progress(start_s: float) -> Callable[[Recorder], None]:
         )
         # A line that wraps would not be written over but scroll.
         width = shutil.get_terminal_size().columns - 1
-        print(f"\r{line[:width]}\x1b[K", end="", file=sys.stderr, flush=True)
+        with suppress(OSError):  # a terminal that was closed
+            print(f"\r{line[:width]}\x1b[K", end="", file=sys.stderr, flush=True)
 
     return show
 
 
 def _sum(recorder: Recorder, node: Node) -> str:
     writer = recorder.writer
-    text = f"{writer.messages} messages, {writer.stored_bytes / 1e6:.1f} MB"
+    text = f"{writer.messages - writer.lost} messages, {writer.stored_bytes / 1e6:.1f} MB"
     counts = {
         "on keys that are not wackel's": writer.foreign,
         "not understood, kept as they came": writer.undecodable,
         "refused, on too many keys": writer.refused,
         "never arrived": node.lost,
         "lost here because the computer was busy": node.overrun,
-        "lost to a disk that did not take them": recorder.dropped,
+        "lost to a disk that did not take them": recorder.lost,
     }
     return "; ".join([text, *(f"{count} {what}" for what, count in counts.items() if count)])
 

@@ -20,7 +20,7 @@ class Recorder:
     """Records what matches the patterns, from construction until :meth:`close`.
 
     Attributes:
-        dropped: Messages that no file took.
+        dropped: Messages that came while no file could be written.
         others: Whether anything came from another process than this one.
     """
 
@@ -42,6 +42,7 @@ class Recorder:
         self._node = node
         self._clock = Clock()  # its own: a wall clock that is set leaves no gap in a recording
         self._faults = node.publisher(FAULT, source="recorder")
+        self._arrived_ns = 0
         self._disk = Absence("recording_paused", component.service(node.name), "the disk")
         self._ticks = 0
         self._progress = progress
@@ -49,13 +50,26 @@ class Recorder:
         node.every(FLUSH_S, self._tick)
         node.every(_REPEAT_S, lambda: self._tell(self._disk.again(node.clock.now_ns())))
 
-    def close(self) -> None:
-        """Takes what has arrived, and ends the file with its index."""
+    @property
+    def lost(self) -> int:
+        """Messages that are in no file."""
+        return self.dropped + self.writer.lost
+
+    def close(self) -> bool:
+        """Takes what has arrived, and ends the file with its index; whether that could be done."""
         self._node.pump()
-        self._guarded(self.writer.close)
+        try:
+            self.writer.close()
+        except OSError as error:
+            logger.error("the last file cannot be finished: %s", self._reason(error))
+            self.writer.abandon()
+            return False
+        return True
 
     def _take(self, key: str, payload: bytes) -> None:
-        arrived_ns = self._clock.now_ns()
+        # When Zenoh had it: here it may have waited. Of two of its threads, one may be late.
+        arrived_ns = max(self._arrived_ns, self._clock.stamp_ns(self._node.arrived_ns))
+        self._arrived_ns = arrived_ns
         header = header_of(key, payload)
         self._node.received += 1
         if header is not None:
@@ -80,14 +94,17 @@ class Recorder:
         try:
             act()
         except OSError as error:
-            where = error.filename or self.writer.path
-            reason = f"{where}: {error.strerror}" if error.strerror else str(error)
+            reason = self._reason(error)
             if not self._disk.active:
                 logger.error("recording pauses, next attempt in %g s: %s", RETRY_S, reason)
             self._tell(self._disk.lost(reason, self._node.clock.now_ns()))
             self.writer.abandon()
             return False
         return True
+
+    def _reason(self, error: OSError) -> str:
+        where = error.filename or self.writer.path
+        return f"{where}: {error.strerror}" if error.strerror else str(error)
 
     def _tell(self, report: FaultReport | None) -> None:
         if report is not None:

@@ -2,6 +2,7 @@
 
 import os
 import pty
+import re
 import resource
 import signal
 import subprocess
@@ -14,7 +15,9 @@ import pytest
 from mcap.reader import make_reader
 
 from tests.conftest import Rendezvous, wait_until
+from tests.terminal import on_terminal
 from wackel_node.config import RobotConfig, dump, parse
+from wackel_node.errors import FAILED
 from wackel_node.link import Link
 from wackel_recorder.__main__ import main
 from wackel_recording.reader import Entry, Recording, open_recordings
@@ -224,9 +227,28 @@ def test_a_disk_that_takes_no_more_is_told_and_the_service_lives_on(
         wait_until(lambda: len(numbers(directory)) > len(before), limit_s=20, meanwhile=publish)
         wait_until(lambda: told[-1].status == "healed", meanwhile=publish)
         process.terminate()
-        assert process.wait(10) == 0
+        assert process.wait(10) == FAILED
     assert numbers(directory)[: len(before)] == before
-    assert "lost to a disk that did not take them" in log_of(directory)
+    told = re.search(r"(\d+) messages, .*\d lost to a disk that did not take", log_of(directory))
+    assert told is not None
+    assert int(told[1]) == len(recorded(directory))
+
+
+@pytest.mark.process
+def test_when_its_terminal_is_closed_the_file_is_finished(
+    rendezvous: Rendezvous, tmp_path: Path
+) -> None:
+    path = tmp_path / "robot.toml"
+    path.write_text(dump(rendezvous.config))
+    command = [sys.executable, "-m", "wackel_recorder", "--config", path, "-o", tmp_path / "out"]
+    process, terminal = on_terminal(*command)
+    shown = ""
+    while shown.count("\x1b[K") < 2:
+        shown += os.read(terminal, 4096).decode()
+    os.close(terminal)
+    assert process.wait(10) == 0
+    assert single_damage(tmp_path / "out") == []
+    assert recorded(tmp_path / "out")
 
 
 @pytest.mark.parametrize(

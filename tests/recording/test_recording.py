@@ -1,5 +1,8 @@
 """Recordings as files: what is written is read back, and whatever is left after harm as well."""
 
+import errno
+import os
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -195,6 +198,36 @@ def test_a_file_that_exists_is_never_overwritten(tmp_path: Path) -> None:
     assert path.read_bytes() == b"precious"
 
 
+def test_later_parts_of_another_recording_are_told_at_once(tmp_path: Path) -> None:
+    (tmp_path / "run_001.mcap").write_bytes(b"precious")
+    writer = RecordingWriter(tmp_path / "run.mcap", about(), max_bytes=1)
+    with pytest.raises(FileExistsError, match=r"run_001\.mcap"):
+        writer.open()
+    assert not (tmp_path / "run.mcap").exists()
+
+
+def test_a_slow_medium_holds_up_no_new_file_and_its_error_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slow = threading.Event()
+
+    def sync(_: int) -> None:
+        slow.wait()
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(os, "fdatasync", sync)
+    writer = RecordingWriter(tmp_path / "run.mcap", about(), max_bytes=1)
+    for number in range(3):
+        fill(writer, range(number, number + 1))
+        writer.flush()  # would wait for ever
+    slow.set()
+    with pytest.raises(OSError, match="Input/output error"):
+        writer.close()
+    assert writer.lost == 0
+    (recording,) = open_recordings([tmp_path])
+    assert numbers_in(list(recording.entries())) == [0, 1, 2]
+
+
 def test_recording_ends_with_a_whole_file_before_the_disk_is_full(tmp_path: Path) -> None:
     writer = RecordingWriter(tmp_path, about())
     fill(writer, range(5))
@@ -216,6 +249,7 @@ def test_after_a_file_was_given_up_the_next_message_opens_another(tmp_path: Path
     writer.abandon()
     fill(writer, range(6, 10))
     writer.close()
+    assert (writer.messages, writer.lost) == (10, 1)
     (recording,) = open_recordings([tmp_path])
     assert numbers_in(list(recording.entries())) == [0, 1, 2, 3, 4, 6, 7, 8, 9]
     assert len(recording.damage) == 1
@@ -248,6 +282,12 @@ def test_what_is_no_recording_is_refused_in_one_line(
         open_recordings([path])
     assert str(refusal.value).startswith(str(path))
     assert "\n" not in str(refusal.value)
+
+
+def test_what_the_system_does_not_let_see_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / ("x" * 256)  # for root no directory is out of bounds
+    with pytest.raises(Unreadable, match=f"^{path}: File name too long$"):
+        open_recordings([path])
 
 
 def test_a_file_cut_at_any_byte_gives_all_its_whole_chunks_and_tells_of_the_rest(
