@@ -6,7 +6,7 @@ import shutil
 import socket
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -46,7 +46,7 @@ LIMIT_S = 15.0  # a loose contact may take ten seconds to be told from ordinary 
 SERVOS = 12
 SPEED_M_S = 0.3  # as fast as an XM430 turns a wheel of 5 cm, with some reserve
 _REDRAW_S = 0.25
-_STORY_LINES = 5
+_STORY_LINES = 4  # as many as one fault has
 _LAST_WORDS = 20  # lines of the services' log, if they do not come up
 
 
@@ -169,12 +169,12 @@ def main(argv: list[str]) -> int:
             stopped_by_signals(link) as stopped,
         ):
             log.set_up("demo")
-            show = Show(link, config, arguments.faults)
             # Not in the PATH of who has just cloned it.
             command = "wackel" if shutil.which("wackel") else sys.argv[0]
-            show.tell(f"look: {command} top --config {path}")
+            hints = [f"look: {command} top --config {path}"]
             if arguments.view:
-                show.tell(f"view: ws://127.0.0.1:{port} with the layout {layout}")
+                hints.append(f"view: ws://127.0.0.1:{port} with the layout {layout}")
+            show = Show(link, config, arguments.faults, hints)
             view = _plain if plain else _live
             with supervised(link, jobs, show.note, services_log) as supervisor:
 
@@ -198,6 +198,7 @@ class Show:
 
     Attributes:
         model: What the robot's topics say.
+        hints: How else it can be looked at, a line each.
         story: What has happened so far, a line each, newest last.
         shown, missed: Faults that were injected and healed; of them, those that were not named
             within their time.
@@ -205,9 +206,12 @@ class Show:
         over: All the faults that were asked for have been shown, or the robot did not come up.
     """
 
-    def __init__(self, link: Link, config: RobotConfig, faults: int | None) -> None:
+    def __init__(
+        self, link: Link, config: RobotConfig, faults: int | None, hints: Sequence[str] = ()
+    ) -> None:
         self.model = RobotModel(config)
         self.link = link
+        self.hints = hints
         self.story: list[str] = []
         self.shown = self.missed = 0
         self.over = False
@@ -272,9 +276,10 @@ class Show:
 
     def _inject(self, episode: Episode, now_s: float) -> None:
         self._known = {_occurrence(fault) for fault in self.model.faults("confirmed", "healed")}
-        self._ask("inject", episode.injection)
-        self._episode, self._injected_s, self._named = episode, now_s, False
-        self.tell(f"now {episode.story}")
+        self._injected_s = now_s  # or tried to
+        if self._done(lambda: self._virtual("inject", episode.injection)):
+            self._episode, self._named = episode, False
+            self.tell(f"now {episode.story}")
 
     def _look_for(self, episode: Episode, now_s: float) -> None:
         for fault in self.model.faults("confirmed"):
@@ -286,13 +291,12 @@ class Show:
                 return
 
     def _heal(self, episode: Episode) -> None:
+        if not self._done(lambda: self._repair(episode)):
+            return  # and once more in the next step
         self.shown += 1
         if not self._named:
             self.missed += 1
             self.tell("wackel has not named it in time")
-        self._ask("heal", episode.injection)
-        if episode.reboot is not None:
-            self.link.ask(BUS_REQUEST, BusRequest(operation="reboot", id=episode.reboot), bus=BUS)
         self.tell("the demo has repaired it")
         self._patient_until_s = time.monotonic() + WELL_S
         self._episode = None
@@ -300,8 +304,26 @@ class Show:
         if self._left is not None:
             self._left -= 1
 
-    def _ask(self, operation: Literal["inject", "heal"], injection: Injection) -> None:
-        self.link.ask(VIRTUAL_REQUEST, VirtualRequest(operation=operation, injection=injection))
+    def _repair(self, episode: Episode) -> None:
+        self._virtual("heal", episode.injection)
+        if episode.reboot is not None:
+            request = BusRequest(operation="reboot", id=episode.reboot)
+            self.link.ask(BUS_REQUEST, request, bus=BUS)
+
+    def _virtual(self, operation: Literal["inject", "heal"], injection: Injection) -> None:
+        request = VirtualRequest(operation=operation, injection=injection)
+        reply = self.link.ask(VIRTUAL_REQUEST, request)
+        if not reply.ok:
+            raise AssertionError(f"{injection}: {reply.text}")  # the demo's own robot has it all
+
+    def _done(self, act: Callable[[], None]) -> bool:
+        """Whether it was done; a process that has just been restarted does not answer yet."""
+        try:
+            act()
+        except TimeoutError as error:
+            self.tell(f"{error}: once more")
+            return False
+        return True
 
 
 def _occurrence(fault: FaultRecord) -> tuple[str, str, int]:
@@ -309,6 +331,8 @@ def _occurrence(fault: FaultRecord) -> tuple[str, str, int]:
 
 
 def _plain(show: Show, console: Console, going_on: Callable[[], bool]) -> None:
+    for hint in show.hints:
+        console.print(hint, soft_wrap=True)
     told = 0
     while going_on():
         for line in show.story[told:]:
@@ -332,8 +356,9 @@ def _live(show: Show, console: Console, going_on: Callable[[], bool]) -> None:
 
 
 def _screen(show: Show, now_s: float, width: int, height: int) -> list[Text]:
-    """The robot, and below it the latest of the story."""
+    """The robot, below it the latest of the story, and the hints."""
     story = [Text(line, style="cyan", overflow="ellipsis") for line in show.story[-_STORY_LINES:]]
+    story += [Text(printable(line), style="dim", overflow="ellipsis") for line in show.hints]
     for line in story:
         line.truncate(width, overflow="ellipsis")
     return [*render(show.model, now_s, width, height - len(story)), *story]

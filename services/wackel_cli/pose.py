@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import re
 import sys
 from collections.abc import Iterator
 
@@ -15,6 +16,7 @@ from wackel_schemas import keys
 from wackel_schemas.drive import Odometry, OdometryRequest
 
 _NUMBERS = 9  # of a covariance
+_NEGATIVE = re.compile(r"-(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
 _EPILOG = """\
 examples:
   wackel pose
@@ -121,7 +123,8 @@ def _parse(argv: list[str]) -> argparse.Namespace:
     )
     parser.add_argument("--json", action="store_true", help="print the answer as JSON")
     add_config(parser)
-    arguments = parser.parse_args(argv)
+    parser._negative_number_matcher = _NEGATIVE  # what it knows of them lacks exponents
+    arguments = parser.parse_intermixed_args(argv)
     wanted = 3 if arguments.operation == "set" else 0
     if len(arguments.pose) != wanted:
         parser.error("set takes X Y THETA" if wanted else f"{arguments.operation} takes no numbers")

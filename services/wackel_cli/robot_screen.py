@@ -22,7 +22,7 @@ _VALUE_STALE_S = 30.0  # voltage and temperature are read in the background, sec
 _CELL = 26  # columns of a servo in the compact form
 _MODEL, _LONGEST_MODEL = 10, 14  # columns
 _ROLE = 8  # columns at least
-_NUMBERS = 42  # columns of a servo's line but for model, role and faults
+_NUMBERS = 43  # columns of a servo's line but for model, role and faults
 _FAULT_LINES = 5  # what the servos leave to the faults before they become compact
 _SHOWN_STATUSES = ("confirmed", "unknown", "pending")
 
@@ -193,7 +193,7 @@ def _table(bus: Bus, marks: _Marks, now_s: float, width: int) -> list[Text]:
     role_width = max(_ROLE, min(room, max([0, *(len(servo.role) for servo in servos)])))
     head = Text(
         f"    id {'model':<{model_width}} {'role':<{role_width}} {'Hz':>5} {'ms':>5} "
-        f"{'loss':>5} {'rad':>6} {'V':>4} {'°C':>2}",
+        f"{'loss':>5} {'rad':>6} {'V':>4} {'°C':>3}",
         style="dim",
     )
     lines = [head]
@@ -209,11 +209,11 @@ def _table(bus: Bus, marks: _Marks, now_s: float, width: int) -> list[Text]:
         for name, form, age_s in (
             ("position", "{:+6.3f}", _SILENT_S),
             ("voltage", "{:4.1f}", _VALUE_STALE_S),
-            ("temperature", "{:2.0f}", _VALUE_STALE_S),
+            ("temperature", "{:3.0f}", _VALUE_STALE_S),
         ):
             column = len(form.format(0.0))
             value, at_s = servo.values.get(name, (math.nan, now_s))
-            text = f"{'-':>{column}}" if math.isnan(value) else form.format(value)[:column]
+            text = f"{'-':>{column}}" if math.isnan(value) else _number(form, value, column)
             line.append(f"{text} ", _STALE if now_s - at_s > age_s else style)
         for code, code_style in marks.codes(servo_id):
             line.append(f"{code} ", code_style)
@@ -342,6 +342,14 @@ def _rate(servo: Servo, now_s: float) -> str:
     if servo.answered_s is None:
         return "never"
     return _duration(now_s - servo.answered_s) if _silent(servo, now_s) else f"{servo.hz:.1f}"[:5]
+
+
+def _number(form: str, value: float, width: int) -> str:
+    """With as many decimals as there is room for; where it is too long without, its magnitude."""
+    text = form.format(value)
+    if len(text.partition(".")[0]) > width:
+        return f"{value:+.0e}"
+    return f"{text[:width].rstrip('.'):>{width}}"
 
 
 def _fit(text: str, width: int) -> str:

@@ -14,6 +14,7 @@ from wackel_schemas.keys import QUERIES, ROOT, TOPICS
 from wackel_schemas.message import Record
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
+_WIRE = "A MessagePack map with these names; binary fields are MessagePack bin."
 
 
 def schemas() -> dict[str, str]:
@@ -36,9 +37,7 @@ def _schema(message: type[Record], use: list[str]) -> str:
     schema = {
         "$schema": DIALECT,
         "title": message.__name__,
-        "description": " ".join(
-            ["A MessagePack map with these names; binary fields are MessagePack bin.", *use]
-        ),
+        "description": " ".join([_WIRE, *use]),
         **_tidy(msgspec.json.schema(message)),
     }
     return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
@@ -93,16 +92,22 @@ def main(argv: list[str]) -> int:
 
 def _write(directory: Path, texts: dict[str, str]) -> int:
     directory.mkdir(parents=True, exist_ok=True)
-    for path in directory.glob("*.json"):
-        if path.stem not in texts:
-            path.unlink()
+    for name in _found(directory).keys() - texts.keys():
+        (directory / f"{name}.json").unlink()
     for name, text in texts.items():
         (directory / f"{name}.json").write_text(text, encoding="utf-8")
     return OK
 
 
+def _found(directory: Path) -> dict[str, str]:
+    """Texts of the schemas of messages that are there, by name; other files are not ours."""
+    texts = {path.stem: path.read_bytes() for path in directory.glob("*.json")}
+    ours = _WIRE.encode()
+    return {name: text.decode(errors="replace") for name, text in texts.items() if ours in text}
+
+
 def _check(directory: Path, texts: dict[str, str]) -> int:
-    found = {path.stem: path.read_text(encoding="utf-8") for path in directory.glob("*.json")}
+    found = _found(directory)
     stale = sorted(
         name for name in found.keys() | texts.keys() if found.get(name) != texts.get(name)
     )

@@ -224,7 +224,7 @@ class PaperSteps:
             redundancy: Of the same components.
 
         Returns:
-            The components, and the twist of the candidates that agree; both empty if there are none.
+            The components, and the twist of the candidates that agree; or neither.
         """
         sizes = [
             sum(each) if holds.agree and holds.apart else 0

@@ -1,4 +1,4 @@
-"""``wackel demo``: what it shows; that it is named is tested end to end."""
+"""``wackel demo``: what it shows. That the first two are named is tested end to end."""
 
 from wackel_cli.demo import EPISODES
 from wackel_schemas.fault_codes import FAULT_CODES

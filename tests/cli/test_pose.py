@@ -1,10 +1,13 @@
 """What ``wackel pose`` prints, and what it takes; against a live service: tests/odometry."""
 
 import math
+from pathlib import Path
 
 import pytest
 
 from wackel_cli.pose import as_lines, main
+from wackel_node.config import RobotConfig, dump
+from wackel_node.session import NotReached
 from wackel_schemas.drive import Exclusion, InputState, Odometry
 
 
@@ -53,6 +56,18 @@ def test_what_is_not_believed_is_told() -> None:
 @pytest.mark.parametrize("covariance", [[], [1.0], [-1.0] * 9, [math.nan] * 9, [math.inf] * 9])
 def test_any_covariance_can_come(covariance: list[float]) -> None:
     assert list(as_lines(odometry(pose_covariance=covariance)))
+
+
+@pytest.mark.parametrize(
+    "arguments", [["-1e-05", "2", "-3"], ["--heading-sigma", "0.1", "-1e-5", "2", "-3."]]
+)
+def test_numbers_may_be_small_and_stand_after_options(
+    robot_config: RobotConfig, tmp_path: Path, arguments: list[str]
+) -> None:
+    path = tmp_path / "robot.toml"
+    path.write_text(dump(robot_config))
+    with pytest.raises(NotReached):  # it has understood them
+        main(["set", *arguments, "--config", str(path)])
 
 
 @pytest.mark.parametrize(

@@ -37,11 +37,15 @@ def test_what_is_out_of_date_missing_or_too_much_is_named(
     assert main(["--check", str(tmp_path)]) == 0
     (tmp_path / "Health.json").write_text("{}")
     (tmp_path / "BusState.json").unlink()
-    (tmp_path / "Gone.json").write_text("{}")
+    gone = (tmp_path / "Odometry.json").read_text()
+    (tmp_path / "Gone.json").write_text(gone)
+    (tmp_path / "package.json").write_text("{}")
     assert main(["--check", str(tmp_path)]) == 1
     assert "out of date: BusState, Gone, Health;" in capsys.readouterr().err
     assert main(["--write", str(tmp_path)]) == 0
     assert main(["--check", str(tmp_path)]) == 0
+    assert not (tmp_path / "Gone.json").exists()
+    assert (tmp_path / "package.json").read_text() == "{}"  # no message's: somebody else's
     assert main(["--check", str(tmp_path / "nowhere")]) == 1
 
 

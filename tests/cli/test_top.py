@@ -163,7 +163,7 @@ def test_a_long_role_has_the_room_that_faults_leave() -> None:
     servo.config = msgspec.structs.replace(servo.config, role=role)
     assert line_with(screen(model), role)
     model.on_health(health(record("contact_resistance", CABLE)), 1.9)
-    assert line_with(screen(model), "left fro…")
+    assert line_with(screen(model), "left fr…")
     assert line_with(screen(model), "╳●  4", "contact_resistance")
     assert line_with(screen(model, width=100), role)
 
@@ -173,6 +173,17 @@ def test_servos_stand_in_cable_order_with_rate_response_time_loss_and_values() -
     servos = [line for line in lines if "joint" in line]
     assert [line.split()[1] for line in servos] == ["1", "2", "3", "4", "5", "6"]
     assert columns(servos[2]) == "│● 3 XM430-W210 joint 3 100.0 0.75 0.0% +0.375 11.9 -"
+
+
+@pytest.mark.parametrize(
+    ("position", "shown"),
+    [(-0.5, "-0.500"), (1234.56, "+1234"), (12345.6, "+12345"), (123456.7, "+1e+05")],
+)
+def test_no_digit_before_the_decimal_point_is_cut_off(position: float, shown: str) -> None:
+    model = seen()
+    state = BusState(stamp=1, servos=[ServoState(id=1, position=position, temperature=104.0)])
+    model.on_state("main", state, 1.9)
+    assert columns(line_with(screen(model), "joint 1")).endswith(f" {shown} 11.9 104")
 
 
 def test_a_faulty_cable_is_marked_where_it_leads_to_and_silent_servos_tell_since_when() -> None:

@@ -17,6 +17,7 @@ CIRCLE = (1.5, 0.0, 1.5)
 
 
 def judged(
+    *,
     rate_of_3: float = 1.0,
     others: float = 1.0,
     beta_off: float = 0.0,
@@ -47,7 +48,7 @@ def test_the_oscillating_rate_of_wheel_3_gives_the_papers_signature() -> None:
     assert found.components == ["wheel/w2/drive"]
     assert found.fault == "sensor"  # all others and the gyro match the command
     named = {step.step: step.components for step in PaperSteps.steps(found)}
-    assert named == {"I": []} | dict.fromkeys(("II", "III", "IV"), ["wheel/w2/drive"])
+    assert named == {"I": []} | {step: ["wheel/w2/drive"] for step in ("II", "III", "IV")}
 
 
 def test_wheel_3_blocked_spoils_all_candidates_and_step_3_names_it() -> None:

@@ -5,7 +5,9 @@ import os
 import re
 import signal
 import tempfile
+import threading
 import time
+from itertools import count
 from pathlib import Path
 
 import pytest
@@ -13,9 +15,14 @@ import pytest
 from tests.conftest import Rendezvous, wait_until
 from tests.end_to_end.command import LIMIT_S, read_until, started, wackel
 from tests.view.viewer import Viewer
-from wackel_cli.demo import START_S, Show
+from wackel_cli.demo import LIMIT_S as LONGEST_S
+from wackel_cli.demo import PERIOD_S, START_S, Show
 from wackel_cli.supervisor import Change
 from wackel_node.link import Link
+from wackel_node.node import Node
+from wackel_schemas.health import Health
+from wackel_schemas.keys import VIRTUAL_REQUEST
+from wackel_schemas.virtual import VirtualReply, VirtualRequest
 from wackel_view.core import ROBOT
 
 pytestmark = pytest.mark.process
@@ -71,6 +78,36 @@ def test_services_that_do_not_come_up_end_the_demo(rendezvous: Rendezvous) -> No
     assert show.over
     assert not show.began
     assert "classifier ended: signal 9, restarting in 0.2 s" in show.story[0]
+
+
+def test_who_does_not_answer_is_asked_once_more(rendezvous: Rendezvous) -> None:
+    with Link(rendezvous.config) as link, Node("virtual", "main", rendezvous.config) as virtual:
+        show = Show(link, rendezvous.config, faults=None)
+        show.model.on_health(Health(stamp=1, level="warning", summary="no matter"), 0.0)
+        now_s = time.monotonic() + START_S
+        show.step(now_s)
+        assert "no answer on virtual/request within 2 s: once more" in show.story[-1]
+        asked: list[VirtualRequest] = []
+
+        def answer(request: VirtualRequest) -> VirtualReply:
+            asked.append(request)
+            return VirtualReply(stamp=0, ok=True, text="")
+
+        virtual.serve(VIRTUAL_REQUEST, answer)
+        thread = threading.Thread(target=virtual.run)
+        thread.start()
+        try:
+            steps = count(now_s, PERIOD_S)
+            wait_until(
+                lambda: "now the encoder of wheel w1 dies" in show.story[-1],
+                meanwhile=lambda: show.step(next(steps)),
+            )
+            show.step(next(steps) + LONGEST_S)
+        finally:
+            virtual.stop()
+            thread.join()
+    assert [each.operation for each in asked] == ["inject", "heal"]
+    assert (show.shown, show.missed) == (1, 1)
 
 
 def _connected(port: int) -> Viewer:
