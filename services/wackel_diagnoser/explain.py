@@ -9,6 +9,8 @@ from wackel_node.algebra import single_threaded
 from wackel_node.arguments import DEFAULT, add_config_first
 from wackel_node.config import RobotConfig, drive_of, load
 
+_UNKNOWNS = 3  # of a twist
+
 
 def main(argv: list[str]) -> int:
     """Runs the command; returns its exit code."""
@@ -95,12 +97,12 @@ def _of_fault(fault: str, seen: dict[str, tuple[float, tuple[str, ...]]]) -> lis
 
 
 def _notes(config: RobotConfig) -> list[str]:
-    """What no geometry changes."""
+    """What no motion changes."""
     from wackel_diagnoser.efforts import LONG_S
 
     assert config.drive is not None
     steered = any(wheel.steering is not None for wheel in config.drive.wheels)
-    notes = ["Whatever the geometry:"]
+    notes = ["Whatever the motion:"]
     if config.gyros:
         notes.append("  a sensor is told from what it measures by gyro and motor currents")
     else:
@@ -117,11 +119,42 @@ def _notes(config: RobotConfig) -> list[str]:
     if steered:
         notes.append("  a steering that is blocked shows once it is told to turn")
         notes.append(
+            "  half a degree between a steering and where it should stand is told, but not whether "
+            "it stands off or shows a wrong angle"
+        )
+        notes.append(
             "  a steering whose zero is wrong forces the robot aside; gyro and wheels show that "
             "after some seconds of turns, later the more wheels there are and the stiffer their "
             "drives and tyres"
             if config.gyros
             else "  a steering whose zero is wrong does not show without a gyro"
+        )
+    return notes + [f"  {note}" for note in _notes_on_two(config, steered=steered)]
+
+
+def _notes_on_two(config: RobotConfig, *, steered: bool) -> list[str]:
+    """Which faults that come together are not told apart."""
+    from wackel_drive.layout import Layout
+
+    assert config.drive is not None
+    drive = Layout(config.drive).drive
+    spare = drive.slide_count + len(drive.roll_wheels) + len(config.gyros) - _UNKNOWNS
+    notes = ["of two faults at once, both are named while command/twist says what wheels should do"]
+    for part, rows in (("drives", 1), ("steerings", 2)):  # a steering spoils slide and roll row
+        if (steered or part == "drives") and spare - 2 * rows < 1:
+            notes.append(
+                f"where nobody publishes that, two faulty {part} leave too few measurements that "
+                "agree: which two they are cannot be told"
+            )
+    if steered:
+        notes.append(
+            "a motor that turns about as it is told is not accused while another wheel's steering "
+            "stands off: what that makes the other wheels slip hides it until it is repaired"
+        )
+    if config.gyros:
+        notes.append(
+            "a gyro is not accused while a wheel is blocked: that turns the robot by as much, "
+            "until it is repaired"
         )
     return notes
 

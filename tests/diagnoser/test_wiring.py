@@ -93,6 +93,17 @@ def test_without_a_gyro_it_says_what_is_lost(
     assert "sideways" not in text  # it cannot go there
 
 
+@pytest.mark.parametrize(("wheels", "told"), [(3, False), (4, True)])
+def test_it_says_which_two_faults_at_once_cannot_be_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], wheels: int, *, told: bool
+) -> None:
+    assert explained(robot(steered_drive(wheels)), tmp_path) == 0
+    text = "\n".join(_lines(capsys))
+    assert ("two faulty steerings leave too few measurements" in text) is not told
+    assert "two faulty drives" not in text
+    assert "a gyro is not accused while a wheel is blocked" in text
+
+
 def test_a_robot_without_wheels_cannot_be_explained(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="no \\[drive\\]"):
         explained(RobotConfig(), tmp_path)
