@@ -148,6 +148,9 @@ def _notes_on_two(config: RobotConfig, *, steered: bool) -> list[str]:
             )
     if steered:
         notes.append(
+            "of a wheel's drive and its own steering one is named, the other once that is repaired"
+        )
+        notes.append(
             "a motor that turns about as it is told is not accused while another wheel's steering "
             "stands off: what that makes the other wheels slip hides it until it is repaired"
         )

@@ -34,7 +34,7 @@ from rich.table import Table
 from tests.bench.fresh import version
 from tests.bench.result import Figure, Prepared, side_by_side, table
 from tests.diagnoser.fleet import COMPLAINTS
-from tests.diagnoser.rig import WARM_UP_S, Rig
+from tests.diagnoser.rig import SHORT_WARM_UP_S, WARM_UP_S, Rig
 from tests.odometry.simulation import differential_drive, steered_drive
 from wackel_diagnoser.core import Diagnoser
 from wackel_drive.layout import Layout
@@ -110,6 +110,7 @@ class Kind:
         first_s: Time to the first report that is aimed at, median; 0: none.
         after_s: The same from when the fault first shows, see :func:`_deviates`.
         untold: Why it cannot be told; empty where it can.
+        one_wheel: Both befall the same.
     """
 
     name: str
@@ -124,6 +125,7 @@ class Kind:
     first_s: float = 0.0
     after_s: float = 0.0
     untold: str = ""
+    one_wheel: bool = False
 
     def aim(self, wheels: int) -> float:
         """The share that should be named of robots with so many wheels."""
@@ -274,7 +276,22 @@ KINDS = (
         named=0.0,
         untold="a wheel that is dragged turns the robot by as much, until it is repaired",
     ),
-    Kind("push", (("push", ("drive_disturbed",)),), _between(0.5, 2.0), lasts_s=0.6, named=0.0),
+    Kind(
+        "wheel blocked and its own steering sensor stuck",
+        (("wheel_blocked", ("wheel_blocked",)), ("steering_sensor_stuck", ("steering_sensor",))),
+        named=0.0,
+        untold="a wheel whose direction is not known has no measurement left that would tell of "
+        "another fault of it, until the first is repaired",
+        one_wheel=True,
+    ),
+    Kind(
+        "push",
+        (("push", ("drive_disturbed",)),),
+        _between(0.5, 2.0),
+        lasts_s=0.6,
+        named=0.0,
+        untold="tyres bear the weaker ones, so that nothing moves that is measured",
+    ),
     Kind(
         "ice under a wheel",
         (("ice_patch", ("drive_disturbed",)),),
@@ -389,6 +406,8 @@ def befall(rig: Rig, number: int, seed: str) -> Outcome:
     begin = rig.now_ns
     names = [wheel.name for wheel in rig.config.wheels]
     wheels = random.sample(having(rig.config, kind), len(kind.faults))
+    if kind.one_wheel:
+        wheels = wheels[:1] * 2
     sound = copy.deepcopy(rig.simulation)
     right: dict[str, tuple[str, ...]] = {}
     for (fault, codes), wheel in zip(kind.faults, wheels, strict=True):
@@ -651,17 +670,18 @@ def _cost(quick: bool) -> list[Table]:
     # turns of 50 steps that is a twentieth of what is measured, and none of it is the step's.
     rounds, calls = 5 if quick else 20, 400
     actions = [_cycles(config) for config in drives.values()]
-    alone = _cycles(drives["4 steered wheels"], shown=False)
+    of_four, of_eight = STEP_US
+    alone = _cycles(drives[of_four], shown=False)
+    faulty = _cycles(drives[of_four], shown=False, blocked=True)
     collect_rarely()  # as the service does
-    *figures, unseen, bare = side_by_side(
-        *actions, alone, _bare(4), rounds=rounds, calls=calls, cpu=True
+    *figures, unseen, named, bare = side_by_side(
+        *actions, alone, faulty, _bare(4), rounds=rounds, calls=calls, cpu=True
     )
     by_name = dict(zip(drives, figures, strict=True))
-    of_four, of_eight = STEP_US
     four, peer = by_name[of_four], ("least squares, candidates", bare)
     return [
         table(
-            "Diagnoser: CPU of a step with a gyro and a new command, nothing wrong",
+            "Diagnoser: CPU of a step with a gyro and a new command",
             [
                 Figure(name, figure, "µs", None, STEP_US.get(name))
                 for name, figure in by_name.items()
@@ -669,19 +689,21 @@ def _cost(quick: bool) -> list[Table]:
             + [
                 Figure(f"{of_four}, by their peer", four, "µs", peer, STEP_BY_PEER),
                 Figure(f"{of_four}, nobody looks", unseen, "µs", None, STEP_US[of_four]),
+                Figure(f"{of_four}, a wheel blocked", named, "µs", None, STEP_US[of_four]),
                 Figure("8 wheels by 4", by_name[of_eight] / four, ""),
             ],
         )
     ]
 
 
-def _cycles(config: DriveConfig, *, shown: bool = True) -> Prepared[Cycle]:
+def _cycles(config: DriveConfig, *, shown: bool = True, blocked: bool = False) -> Prepared[Cycle]:
     """Cycles of a robot that drives; none twice: where the robot would jump back, there would be
     something to diagnose.
 
     Args:
         config: Of the robot.
         shown: Whether somebody looks at residuals.
+        blocked: Whether a wheel is, and has been named.
     """
     rig = Rig.of("cost", config)
     path = cycle(rig.path.tolist())
@@ -695,6 +717,14 @@ def _cycles(config: DriveConfig, *, shown: bool = True) -> Prepared[Cycle]:
         diagnoser.imu("body", each.imu)
         diagnoser.bus_state(rig.simulation.bus, each.state)
 
+    if blocked:
+        for each in drive(round(100 * SHORT_WARM_UP_S)):
+            diagnose(each)
+        rig.inject("wheel_blocked", config.wheels[0].name)
+        for each in drive(100):
+            diagnose(each)
+        if not diagnoser.active():
+            raise SystemExit("the wheel that is blocked has not been named")
     return Prepared(drive, diagnose)
 
 

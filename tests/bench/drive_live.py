@@ -24,6 +24,7 @@ import msgspec
 import numpy as np
 from rich.table import Table
 
+from tests.bench.fresh import version
 from tests.bench.progress import steps
 from tests.bench.result import Figure, table
 from tests.robot import Robot, process, running
@@ -126,7 +127,8 @@ def _running(directory: Path, physics: Physics) -> Iterator[_Live]:
         three_wheels(f"{physics}bot", directory, servos, 12.0),
         recorder=RecorderConfig(directory=str(directory / "recordings")),
     )
-    virtual = ("wackel_cli", "virtual", *_config(directory), "--physics", physics)
+    one = ("--physics", physics, "--seed", str(int(version(), 16)))
+    virtual = ("wackel_cli", "virtual", *_config(directory), *one)
     with (
         running(config, directory, virtual=False) as robot,
         process(*virtual, log=directory / "virtual.log"),

@@ -26,9 +26,10 @@ _NO_PART = (
 """Of what drives a robot here and decides what is wrong with it."""
 
 
-def version() -> str:
-    """The fingerprint of the code that simulated robots are driven and diagnosed with."""
-    return fingerprint(_ROOT / name for name in _CODE)
+def version(*more: str) -> str:
+    """The fingerprint of the code that simulated robots are driven and diagnosed with, and of
+    more directories."""
+    return fingerprint(_ROOT / name for name in (*_CODE, *more))
 
 
 def fingerprint(places: Iterable[Path]) -> str:
