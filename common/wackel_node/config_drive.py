@@ -126,7 +126,9 @@ class GyroRegister(Section, kw_only=True, frozen=True):
 
 
 class GyroConfig(Section, kw_only=True, frozen=True):
-    """One gyro, published on ``imu/<name>``; figures as in the data sheet of a common MEMS part.
+    """One gyro, published on ``imu/<name>``; its faults are found where there is a drive, too.
+
+    Figures are those of the data sheet of a common MEMS part.
 
     Attributes:
         source: ``topic``: a driver of yours publishes it; ``bus``: the gateway reads it from a

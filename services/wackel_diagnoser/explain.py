@@ -156,7 +156,7 @@ def _notes_on_two(config: RobotConfig, *, steered: bool) -> list[str]:
         )
     if config.gyros:
         notes.append(
-            "a gyro is not accused while a wheel is blocked: that turns the robot by as much, "
+            "a gyro is not accused beside a wheel: one that is dragged turns the robot by as much, "
             "until it is repaired"
         )
     return notes

@@ -41,6 +41,24 @@ def test_a_fault_of_a_drive_is_named(warm: Rig, kind: str, code: str, within_s: 
     assert excluded.fault == ("actuator" if code == "wheel_blocked" else "sensor")
 
 
+@pytest.mark.parametrize(
+    ("kind", "value", "code"),
+    [
+        ("steering_sensor_stuck", None, "steering_sensor"),
+        ("steering_sensor_offset", -0.15, "steering_sensor"),
+        ("steering_offset", 0.15, "steering_offset"),
+    ],
+)
+def test_a_fault_of_a_steering_is_named(
+    warm: Rig, kind: str, value: float | None, code: str
+) -> None:
+    rig = warm.copy()
+    rig.inject(kind, "w1", value)
+    rig.drive(3.0)
+    assert rig.active() == [(code, "wheel/w1/steering")]
+    assert {report.component for report in rig.reports} == {"wheel/w1/steering"}
+
+
 def test_a_steering_that_is_blocked_is_named_and_heals(warm: Rig) -> None:
     rig = warm.copy()
     rig.inject("steering_blocked", "w1")
