@@ -130,12 +130,19 @@ class Sequential:
         logarithm = self.memory + self._prior
         best = int(logarithm.argmax())
         explanation = int(self._same[best])
-        if explanation == self.verdict or self.sums[best] < self._limit / 2:
+        if explanation == self.verdict or not self._convinces(best):
             return None
         self.lead = float(logarithm[best] - logarithm[self._same != explanation].max())
         if self.lead < LEAD and self.alarm_s < PATIENCE_S:
             return None
         return explanation
+
+    def speaks_for(self, explanation: int) -> bool:
+        """Whether what speaks against the verdict also speaks for an explanation."""
+        return any(map(self._convinces, self._members[explanation]))
+
+    def _convinces(self, hypothesis: int) -> bool:
+        return bool(self.sums[hypothesis] >= self._limit / 2)
 
     def accept(self, explanation: int) -> None:
         """Takes an explanation to be true from now on."""

@@ -257,10 +257,12 @@ class Verdicts:
             proposal = self._unless_strained(proposal)
         if self._free:
             proposal = self._unless_free(proposal)
+        now = set(explanations[verdict])
+        lasting = {small.component} if small is not None else set()
+        proposal = self._beside(proposal, frozenset((lasting | self._stuck) & now))
         if self._stuck:
             proposal = self._unless_stuck(proposal)
         is_small = False
-        now = set(explanations[verdict])
         stand = {self._drives[roll] for roll in self._standing.rows()} if verdict else set()
         if stand - now:
             # One that stands seems to be steered wrong, too: it rolls along no direction.
@@ -270,7 +272,6 @@ class Verdicts:
             proposal = proposal if standing is None else standing
         # What a change of constants explains is believed before what fits better for a while. But a
         # wheel that sticks pulls at all others, which looks like many things.
-        lasting = {small.component} if small is not None else set()
         if (proposal is None or now) and lasting - now and not (stand or self._has_stood()):
             proposal, is_small = self._numbers[frozenset(lasting)], not verdict
         if proposal is None:
@@ -335,6 +336,14 @@ class Verdicts:
             return free
         sequential.accept(free)  # which holds already
         return None
+
+    def _beside(self, proposal: int | None, lasting: frozenset[str]) -> int | None:
+        """What is proposed, together with parts that are known to stay wrong, if those alone do not
+        explain what is seen: what else drags the robot may explain them, too."""
+        if not proposal or not lasting:
+            return proposal
+        both = self._numbers.get(lasting.union(self._hypotheses.explanations[proposal]))
+        return both if both is not None and self._sequential.speaks_for(both) else proposal
 
     def _unless_stuck(self, proposal: int | None) -> int | None:
         """What is proposed, or holds; or the gyros that are stuck, which explain it."""

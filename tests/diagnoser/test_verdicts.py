@@ -59,6 +59,34 @@ def test_a_fault_of_a_steering_is_named(
     assert {report.component for report in rig.reports} == {"wheel/w1/steering"}
 
 
+@pytest.mark.parametrize(
+    "first",
+    [
+        ("gyro_offset", None, 0.2, "gyro/body"),
+        ("gyro_frozen", None, None, "gyro/body"),
+        ("drive_scale", "w1", -0.2, "wheel/w1/drive"),
+    ],
+)
+@pytest.mark.parametrize(
+    "second", [("drive_sensor_scale", 0.2, "drive"), ("steering_blocked", None, "steering")]
+)
+def test_what_fails_later_is_named_beside_what_stays_wrong(
+    warm: Rig,
+    first: tuple[str, str | None, float | None, str],
+    second: tuple[str, float | None, str],
+) -> None:
+    rig = warm.copy()
+    rig.drive(WARM_UP_S - SHORT_WARM_UP_S)  # so that it is known what is constant
+    kind, wheel, value, path = first
+    rig.inject(kind, wheel, value)
+    rig.drive(8.0)
+    assert {where for _, where in rig.active()} == {path}
+    kind, value, part = second
+    rig.inject(kind, "w2", value)
+    rig.drive(3.0)
+    assert {where for _, where in rig.active()} == {path, f"wheel/w2/{part}"}
+
+
 def test_a_steering_that_is_blocked_is_named_and_heals(warm: Rig) -> None:
     rig = warm.copy()
     rig.inject("steering_blocked", "w1")
