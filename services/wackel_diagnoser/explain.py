@@ -151,13 +151,14 @@ def _notes_on_two(config: RobotConfig, *, steered: bool) -> list[str]:
             "of a wheel's drive and its own steering one is named, the other once that is repaired"
         )
         notes.append(
-            "a motor that turns about as it is told is not accused while another wheel's steering "
-            "stands off: what that makes the other wheels slip hides it until it is repaired"
+            "a motor that turns about as it is told is mostly not accused while another wheel is "
+            "blocked or its steering stands off: what that makes the other wheels slip hides it "
+            "until it is repaired"
         )
     if config.gyros:
         notes.append(
-            "a gyro is not accused beside a wheel: one that is dragged turns the robot by as much, "
-            "until it is repaired"
+            "a gyro that jumps is not accused beside a wheel: one that is dragged turns the robot "
+            "by as much, until it is repaired"
         )
     return notes
 

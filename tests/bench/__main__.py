@@ -23,6 +23,7 @@ BENCHES = {
     "diagnoser": "cost of the drive diagnosis, and how well drive faults are named; long",
     "driving": "faults of the drive by kind of driving; long",
     "other_drives": "faults of drives that are not all of steered wheels; long",
+    "second_faults": "a second fault beside one that stays; long",
     "alarms": "false alarms of the drive, with those of earlier runs; long",
     "drive_live": "from a physical event in the drive to health, and its replay",
     "start": "start and stop of every service",

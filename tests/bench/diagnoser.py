@@ -440,7 +440,7 @@ def befall(rig: Rig, number: int, seed: str) -> Outcome:
         if report.status == "active" and report.code not in COMPLAINTS
     ]
     final = [(code, path) for code, path in rig.active() if code not in COMPLAINTS]
-    if kind.named == 0.0:  # what passes by itself counts if it was named at all
+    if set(right) == {component.DRIVE}:  # what passes by itself counts if it was named at all
         final = [(report.code, report.component) for report in started]
     named = {path for _, path in final} == set(right)
     first_ns = started[0].stamp if started else None
