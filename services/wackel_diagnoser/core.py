@@ -171,8 +171,7 @@ class Diagnoser:
         # Stamp of the last command that wheels or tyres cannot follow; since when there is what has
         # been looked at last; and whether that is a slip which the command made.
         self._astray: int | None = None
-        self._looked_at: int | None = None
-        self._commanded = False
+        self._commanded: dict[str, tuple[int, bool]] = {}  # since when, and whether it was
         self._exclusions: list[Exclusion] | None = None
 
     def bus_state(self, bus: str, state: BusState) -> list[Message]:
@@ -417,14 +416,15 @@ class Diagnoser:
         """Whether wheels slip for a command that they or their tyres cannot follow, and not longer
         than for that; nor is it told then, if it is about to heal. A push that begins and ends
         meanwhile is not told."""
-        since = finding.since
+        since, path = finding.since, finding.component
         if finding.code not in SKIDDING:
             return False
-        if since != self._looked_at:
-            self._looked_at = since
-            self._commanded = self._astray is not None and abs(since - self._astray) <= SKIDS_NS
+        then, commanded = self._commanded.get(path, (None, False))
+        if since != then:
+            commanded = self._astray is not None and abs(since - self._astray) <= SKIDS_NS
+            self._commanded[path] = since, commanded
         lasts = now - since > 3 * SKIDS_NS and finding.confidence > LEAST_CONFIDENCE
-        return self._commanded and not lasts
+        return commanded and not lasts
 
     def _examine(self, now: int) -> list[Message]:
         """What has changed of faults and exclusions."""

@@ -145,7 +145,7 @@ class Findings:
                 return self._finding("command_not_followed", path, "the wheels agree on another")
             return self._finding("gyro_deviates", path, "all wheels agree on another yaw rate")
         part, wheel = place
-        history, stood, since = self._history, self._said.get(path), self._verdicts.since
+        history, stood, since = self._history, self._said.get(path), self._verdicts.since[path]
         if stood is not None and (stood.since != since or stood.code not in STOOD):
             stood = None
         if stood is not None:
@@ -211,7 +211,7 @@ class Findings:
             code,
             path,
             summary,
-            verdicts.since,
+            verdicts.since[path],
             values,
             words or {},
             min(max(here, LEAST_CONFIDENCE), UNSURE if unseen else 0.99),

@@ -5,6 +5,7 @@ three degrees off while its reference leads by ten. So it is kept by how much th
 reference while it was seen to be faulty, and each step is asked whether it still does.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from wackel_diagnoser.hypotheses import Hypotheses
@@ -51,25 +52,25 @@ class _Part:
 
 
 class Soundness:
-    """Follows what is named.
+    """Follows parts that are named.
 
     Args:
         hypotheses: Which rows a part spoils.
         rows: How measurements are numbered.
+        components: The parts.
+        step, target: From when on they are.
     """
 
-    def __init__(self, hypotheses: Hypotheses, rows: Rows) -> None:
-        self._hypotheses = hypotheses
-        self._rows = rows
+    def __init__(
+        self,
+        hypotheses: Hypotheses,
+        rows: Rows,
+        components: Collection[str],
+        *,
+        step: Step,
+        target: Target,
+    ) -> None:
         self._parts: list[_Part] = []
-        self._seconds = self._travelled = 0.0
-        self._heading_then: list[float] = []
-        self._told_before: list[float] = []
-
-    def begin(self, components: tuple[str, ...], step: Step, target: Target) -> None:
-        """These are named from a step on."""
-        hypotheses, rows = self._hypotheses, self._rows
-        self._parts = []
         for path in components:
             place = hypotheses.place(path)
             if place is None:
@@ -90,7 +91,7 @@ class Soundness:
             step: What the sensors said.
             target: What the wheels should have done.
             measured: The rows of that.
-            evidence: For what is named, logarithm.
+            evidence: For their faults, logarithm.
         """
         before, self._told_before = self._told_before, target.heading
         contrary, shows, variance = evidence > CONTRARY, True, measured.spread().variance
@@ -115,7 +116,7 @@ class Soundness:
             self._seconds += step.seconds
 
     def lasts(self, seconds: float) -> bool:
-        """Whether all that is named has shown itself sound for so long."""
+        """Whether all of them have shown themselves sound for so long."""
         return self._seconds >= seconds and all(
             part.follows >= CLEAR
             for part in self._parts

@@ -77,7 +77,7 @@ class Verdicts:
         references: How well it is known how wheels force each other.
 
     Attributes:
-        since: Stamp of the first evidence for the verdict.
+        since: Stamp of the first evidence for each part that is named.
         kinds: Sensor or actuator, of each component; empty where it cannot be told.
         tests: What tells it; none where it cannot be asked.
         steers_wrong: Whether a steering is named, which is then not where it is told to be.
@@ -104,7 +104,7 @@ class Verdicts:
             component.wheel_drive(name): component.wheel_steering(name) for name in layout.names
         }
         self._spare = _spare(layout.drive, rows)
-        self.since = 0
+        self.since: dict[str, int] = {}
         self.kinds: dict[str, Class] = {}
         self.tests: dict[str, KindTest] = {}
         self.steers_wrong = False
@@ -119,7 +119,9 @@ class Verdicts:
         self._numbers = {frozenset(names): i for i, names in enumerate(hypotheses.explanations)}
         self._of_command = self._numbers[frozenset((component.COMMAND,))]
         self._is_small = False
-        self._soundness = Soundness(hypotheses, rows)
+        self._began = 0  # stamp of the first evidence for the verdict
+        # By what would be left of the verdict: whether the others are sound again.
+        self._soundness: dict[int, Soundness] = {}
         self._recent: deque[tuple[Measured, Floats, float]] = deque(maxlen=ALARM_STEPS)
         self._block: list[tuple[Step, Target, Measured, list[float]]] = []
 
@@ -158,6 +160,7 @@ class Verdicts:
         self._sequential.forget()
         self._sequential.accept(0)
         self._small.forget()
+        self.since = {}
         self.tests, self.kinds = {}, {}
 
     def step(
@@ -268,6 +271,7 @@ class Verdicts:
             # One that stands seems to be steered wrong, too: it rolls along no direction.
             own = {self._steerings[path] for path in stand}
             others = {path for path in now - own - {component.COMMAND} if not self._follows(path)}
+            others |= lasting & now
             standing = self._numbers.get(frozenset(stand | others))
             proposal = proposal if standing is None else standing
         # What a change of constants explains is believed before what fits better for a while. But a
@@ -279,19 +283,27 @@ class Verdicts:
         names = set(explanations[proposal])
         if (lasting & now) - names and not stand & names:
             return False
-        if names == {component.DRIVE} and step.end - self.since > PUSHES_NS and now:
+        if names == {component.DRIVE} and step.end - self._began > PUSHES_NS and now:
             return False
         if names == {component.COMMAND} and self._has_stood():
             return False
         if (stand & now) - names or (names > now and self._are_dragged(names - now)):
             return False
-        if names < now and not self._soundness.lasts(self._sound_needed_s()):
+        if names < now and not self._soundness[proposal].lasts(self._sound_needed_s()):
             return False
         sequential.accept(proposal)
         self._is_small = is_small
         if not names:
             self._small.forget()
-        self._soundness.begin(explanations[proposal], step, target)
+        self._soundness = {
+            self._numbers[left]: Soundness(
+                self._hypotheses, self._rows, names - left, step=step, target=target
+            )
+            for left in (
+                frozenset[str](),
+                *(frozenset((path,)) for path in names if len(names) > 1),
+            )
+        }
         self._take(explanations[proposal], step)
         return True
 
@@ -300,7 +312,7 @@ class Verdicts:
         sequential, slip = self._sequential, self._numbers[frozenset((component.DRIVE,))]
         if not sequential.verdict:
             return slip
-        if sequential.verdict == slip and step.end - self.since < SLIPS_NS:
+        if sequential.verdict == slip and step.end - self._began < SLIPS_NS:
             sequential.accept(slip)  # which holds already
             return None
         return proposal
@@ -338,12 +350,14 @@ class Verdicts:
         return None
 
     def _beside(self, proposal: int | None, lasting: frozenset[str]) -> int | None:
-        """What is proposed, together with parts that are known to stay wrong, if those alone do not
-        explain what is seen: what else drags the robot may explain them, too."""
+        """What is proposed, together with parts that are known to stay wrong, if these alone do not
+        explain what is seen; nothing while that may be a push, for which there is no such pair."""
         if not proposal or not lasting:
             return proposal
         both = self._numbers.get(lasting.union(self._hypotheses.explanations[proposal]))
-        return both if both is not None and self._sequential.speaks_for(both) else proposal
+        if both in (None, proposal) or not self._sequential.speaks_for(both):
+            return proposal
+        return both if 1e9 * self._sequential.alarm_s > PUSHES_NS else None
 
     def _unless_stuck(self, proposal: int | None) -> int | None:
         """What is proposed, or holds; or the gyros that are stuck, which explain it."""
@@ -374,17 +388,21 @@ class Verdicts:
         """A new verdict."""
         if not components:
             self._standing.begin()
-        self.since = step.begin
-        self.tests, self.kinds = {}, {}
+        self._began = step.begin
+        self.since = {path: self.since.get(path, step.begin) for path in components}
+        # What has been told of a part that stays is still so.
+        told = {path: test for path, test in self.tests.items() if test.seconds >= WINDOW_S}
+        self.tests = {path: told[path] for path in components if path in told}
+        self.kinds = {path: self.kinds[path] for path in self.tests}
         places = [self._hypotheses.place(path) for path in components]
         self.steers_wrong = any(place is not None and place[0] == "steering" for place in places)
         self._block.clear()
         gyros = [path for path in components if path.startswith("gyro/")]
-        self.kinds = dict.fromkeys(gyros, "sensor")
+        self.kinds |= dict.fromkeys(gyros, "sensor")
         if gyros:  # which would have to tell of the others
             return
         for path, place in zip(components, places, strict=True):
-            if place is not None:
+            if place is not None and path not in self.tests:
                 self.tests[path], self.kinds[path] = self._test(path, *place), "sensor"
 
     def _test(self, path: str, part: str, wheel: int) -> KindTest:
@@ -441,11 +459,12 @@ class Verdicts:
     def _watch_soundness(
         self, step: Step, target: Target, measured: Measured, likelihood: Floats
     ) -> None:
-        """Whether what is named shows that nothing is wrong with it."""
+        """Which parts of what is named show that nothing is wrong with them."""
         members = self._hypotheses.members
         faulty = likelihood[members[self._sequential.verdict]].max()
-        evidence = float(faulty - likelihood[members[0]].max())
-        self._soundness.step(step, target, measured, evidence)
+        for left, soundness in self._soundness.items():
+            evidence = float(faulty - likelihood[members[left]].max())
+            soundness.step(step, target, measured, evidence)
 
 
 def _spare(drive: Drive, rows: Rows) -> int:

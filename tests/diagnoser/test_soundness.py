@@ -26,10 +26,15 @@ class Named:
         config = steered_drive(3)
         layout = Layout(config)
         self._rows = Rows(layout, config, GYROS)
-        self._soundness = Soundness(Hypotheses(layout, GYROS), self._rows)
         self._row = (self._rows.rolling if path.endswith("drive") else self._rows.steering).start
         self._told = 0.0
-        self._soundness.begin((path,), self._step(), self._target(0.0))
+        self._soundness = Soundness(
+            Hypotheses(layout, GYROS),
+            self._rows,
+            (path,),
+            step=self._step(),
+            target=self._target(0.0),
+        )
 
     def drive(self, seconds: float, speed: float, off: float, *, evidence: float = 0.0) -> None:
         """It misses its reference by so much; its steering is told to turn."""

@@ -85,6 +85,24 @@ def test_what_fails_later_is_named_beside_what_stays_wrong(
     rig.inject(kind, "w2", value)
     rig.drive(3.0)
     assert {where for _, where in rig.active()} == {path, f"wheel/w2/{part}"}
+    rig.simulation.heal(kind)
+    rig.drive(6.0)
+    assert {where for _, where in rig.active()} == {path}
+
+
+@pytest.mark.parametrize("number", [2, 6])
+def test_what_is_pushed_beside_a_gyro_that_is_stuck_is_sound_again(number: int) -> None:
+    rig = Rig.of(f"push beside/{number}", 4)
+    rig.drive(WARM_UP_S)
+    rig.inject("gyro_frozen")
+    rig.drive(6.0)
+    begun = {each.component: each.since for each in rig.diagnoser.active()}
+    assert list(begun) == ["gyro/body"]
+    rig.inject("push", value=1.5)
+    rig.drive(6.0)
+    assert {each.component: each.since for each in rig.diagnoser.active()} == begun
+    assert rig.exclusions is not None
+    assert [each.component for each in rig.exclusions.excluded] == ["gyro/body"]
 
 
 def test_a_steering_that_is_blocked_is_named_and_heals(warm: Rig) -> None:
