@@ -1,6 +1,7 @@
 """Writing a recording: MCAP files that lose little in a crash, a new one after so much."""
 
 import errno
+import glob
 import os
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import replace
@@ -37,7 +38,7 @@ class RecordingWriter:
         path: The file in progress; ``None`` before the first message and after :meth:`abandon`.
         messages, foreign, undecodable: Written in all; of these on keys that are not wackel's;
             of these on wackel's keys, but without a message's header. Both are kept as they came.
-        lost: Of ``messages``, those that a disk then did not take.
+        lost: Of ``messages``, those that a disk then did not take, at most.
         refused: Not written, because there are too many keys.
         reserve_bytes: Space on the disk that is left to others.
     """
@@ -97,8 +98,9 @@ class RecordingWriter:
         """
         path = self._path(self._next_part)
         path.parent.mkdir(parents=True, exist_ok=True)
-        if self._next_part == 0 and (later := self._path(1)).exists():
-            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(later))
+        if self._next_part == 0 and self._output.suffix == ".mcap":
+            for later in path.parent.glob(f"{glob.escape(path.stem)}_[0-9][0-9][0-9]*.mcap"):
+                raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(later))
         self._check_space(path.parent)
         self._file = _File(path, replace(self._about, part=self._next_part), self._worker)
         self._next_part += 1
@@ -139,8 +141,8 @@ class RecordingWriter:
             return
         file.flush()
         self._unstored = 0
-        self._look_at_closing()
         try:
+            self._look_at_closing()
             self._check_space(file.path.parent)
         except OSError:
             self._finish()
@@ -277,6 +279,7 @@ class _Disk:
     """
 
     def __init__(self, path: Path, worker: Executor) -> None:
+        self._path = path
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         self._pending = bytearray()
         self._taken = 0
@@ -303,15 +306,25 @@ class _Disk:
         if self._sync is None or self._sync.done():
             if self._sync is not None:
                 self._sync.result()
-            self._sync = self._worker.submit(os.fdatasync, self._fd)
+            self._sync = self._worker.submit(_sync, self._fd, self._path)
 
     def close(self) -> Future[None]:
         """Done when the medium has what was flushed; what is still pending is lost."""
-        return self._worker.submit(_sync_and_close, self._fd)
+        return self._worker.submit(_close, self._fd, self._path, self._sync)
 
 
-def _sync_and_close(fd: int) -> None:
+def _sync(fd: int, path: Path) -> None:
     try:
         os.fdatasync(fd)
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+def _close(fd: int, path: Path, before: Future[None] | None) -> None:
+    """After the last sync, which the same worker has done: the system tells an error only once."""
+    try:
+        if before is not None:
+            before.result()
+        _sync(fd, path)
     finally:
         os.close(fd)

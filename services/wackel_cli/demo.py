@@ -42,6 +42,7 @@ SHOWN_S = 6.0  # how long a fault stays at least, so that one can read it
 START_S = 60.0
 DRIVEN_S = 5.0  # a diagnosis gets to know a robot that drives
 WELL_S = 30.0  # a busy computer sees worse that a wheel is sound again
+AGAIN_S = 1.0
 LIMIT_S = 15.0  # a loose contact may take ten seconds to be told from ordinary loss
 SERVOS = 12
 SPEED_M_S = 0.3  # as fast as an XM430 turns a wheel of 5 cm, with some reserve
@@ -219,8 +220,10 @@ class Show:
         self._left = faults
         self._begin_s = time.monotonic()
         self._next = 0
+        self._tried: Episode | None = None
         self._episode: Episode | None = None
         self._injected_s = -PERIOD_S
+        self._again_s = 0.0
         self._patient_until_s = time.monotonic() + START_S
         self._stood_s = time.monotonic()
         self._named = False
@@ -248,7 +251,8 @@ class Show:
             return
         if not self._named:
             self._look_for(self._episode, now_s)
-        if now_s - self._injected_s >= (SHOWN_S if self._named else LIMIT_S):
+        lasts_s = SHOWN_S if self._named else LIMIT_S
+        if now_s - self._injected_s >= lasts_s and now_s >= self._again_s:
             self._heal(self._episode)
 
     def _may_go_on(self, now_s: float) -> bool:
@@ -275,10 +279,12 @@ class Show:
         )
 
     def _inject(self, episode: Episode, now_s: float) -> None:
-        self._known = {_occurrence(fault) for fault in self.model.faults("confirmed", "healed")}
+        if episode is not self._tried:  # else its fault may be there, only the answer was late
+            self._tried = episode
+            self._known = {_occurrence(fault) for fault in self.model.faults("confirmed", "healed")}
         self._injected_s = now_s  # or tried to
         if self._done(lambda: self._virtual("inject", episode.injection)):
-            self._episode, self._named = episode, False
+            self._episode, self._tried, self._named = episode, None, False
             self.tell(f"now {episode.story}")
 
     def _look_for(self, episode: Episode, now_s: float) -> None:
@@ -292,7 +298,8 @@ class Show:
 
     def _heal(self, episode: Episode) -> None:
         if not self._done(lambda: self._repair(episode)):
-            return  # and once more in the next step
+            self._again_s = time.monotonic() + AGAIN_S
+            return
         self.shown += 1
         if not self._named:
             self.missed += 1
@@ -320,8 +327,8 @@ class Show:
         """Whether it was done; a process that has just been restarted does not answer yet."""
         try:
             act()
-        except TimeoutError as error:
-            self.tell(f"{error}: once more")
+        except TimeoutError:
+            self.tell("the robot does not answer: once more")
             return False
         return True
 

@@ -134,21 +134,23 @@ def _notes(config: RobotConfig) -> list[str]:
 
 def _notes_on_two(config: RobotConfig, *, steered: bool) -> list[str]:
     """Which faults that come together are not told apart."""
-    from wackel_drive.layout import Layout
-
     assert config.drive is not None
-    drive = Layout(config.drive).drive
-    spare = drive.slide_count + len(drive.roll_wheels) + len(config.gyros) - _UNKNOWNS
     notes = ["of two faults at once, both are named while command/twist says what wheels should do"]
-    for part, rows in (("drives", 1), ("steerings", 2)):  # a steering spoils slide and roll row
-        if (steered or part == "drives") and spare - 2 * rows < 1:
-            notes.append(
-                f"where nobody publishes that, two faulty {part} leave too few measurements that "
-                "agree: which two they are cannot be told"
-            )
+    if config.drive.kind == "steered":
+        spare = 2 * len(config.drive.wheels) + len(config.gyros) - _UNKNOWNS
+        spoilt = {"drives": 1, "steerings": 2}  # of a wheel's two rows
+        alike = [part for part, rows in spoilt.items() if spare - 2 * rows < 1]
+    else:
+        alike = ["parts"]
+    notes += [
+        f"where nobody publishes that, two faulty {part} leave too few measurements that agree: "
+        "which two they are cannot be told"
+        for part in alike
+    ]
     if steered:
         notes.append(
-            "of a wheel's drive and its own steering one is named, the other once that is repaired"
+            "a fault of the steering of a wheel that is blocked, or shows no speed, is mostly "
+            "named only once that is repaired"
         )
         notes.append(
             "a motor that turns about as it is told is mostly not accused while another wheel is "

@@ -74,7 +74,11 @@ def robot(job: tuple[int, str]) -> Driven:
         alone = rig.copy()
         alone.reports.clear()
         alone.drive(SECOND_S)
-        accused = {each.component for each in alone.reports if each.code not in COMPLAINTS}
+        accused = {
+            each.component
+            for each in (*alone.reports, *alone.diagnoser.active())
+            if each.status == "active" and each.code not in COMPLAINTS
+        }
         driven.alarms += len(accused - {own})
         for second in FAULTS:
             if {first, second} <= set(OF_GYRO):

@@ -86,7 +86,7 @@ def test_who_does_not_answer_is_asked_once_more(rendezvous: Rendezvous) -> None:
         show.model.on_health(Health(stamp=1, level="warning", summary="no matter"), 0.0)
         now_s = time.monotonic() + START_S
         show.step(now_s)
-        assert "no answer on virtual/request within 2 s: once more" in show.story[-1]
+        assert "the robot does not answer: once more" in show.story[-1]
         asked: list[VirtualRequest] = []
 
         def answer(request: VirtualRequest) -> VirtualReply:

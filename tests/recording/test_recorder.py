@@ -229,9 +229,9 @@ def test_a_disk_that_takes_no_more_is_told_and_the_service_lives_on(
         process.terminate()
         assert process.wait(10) == FAILED
     assert numbers(directory)[: len(before)] == before
-    told = re.search(r"(\d+) messages, .*\d lost to a disk that did not take", log_of(directory))
-    assert told is not None
-    assert int(told[1]) == len(recorded(directory))
+    words = re.search(r"(\d+) messages, .*\d lost to a disk that did not take", log_of(directory))
+    assert words is not None
+    assert 0 < int(words[1]) <= len(recorded(directory))
 
 
 @pytest.mark.process

@@ -199,11 +199,11 @@ def test_a_file_that_exists_is_never_overwritten(tmp_path: Path) -> None:
 
 
 def test_later_parts_of_another_recording_are_told_at_once(tmp_path: Path) -> None:
-    (tmp_path / "run_001.mcap").write_bytes(b"precious")
-    writer = RecordingWriter(tmp_path / "run.mcap", about(), max_bytes=1)
-    with pytest.raises(FileExistsError, match=r"run_001\.mcap"):
+    (tmp_path / "run[1]_002.mcap").write_bytes(b"precious")
+    writer = RecordingWriter(tmp_path / "run[1].mcap", about(), max_bytes=1)
+    with pytest.raises(FileExistsError, match=r"run\[1\]_002\.mcap"):
         writer.open()
-    assert not (tmp_path / "run.mcap").exists()
+    assert not (tmp_path / "run[1].mcap").exists()
 
 
 def test_a_slow_medium_holds_up_no_new_file_and_its_error_is_told(
@@ -212,20 +212,37 @@ def test_a_slow_medium_holds_up_no_new_file_and_its_error_is_told(
     slow = threading.Event()
 
     def sync(_: int) -> None:
-        slow.wait()
+        slow.wait(20.0)
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     monkeypatch.setattr(os, "fdatasync", sync)
     writer = RecordingWriter(tmp_path / "run.mcap", about(), max_bytes=1)
     for number in range(3):
         fill(writer, range(number, number + 1))
-        writer.flush()  # would wait for ever
+        writer.flush()
+    assert not slow.is_set()
     slow.set()
-    with pytest.raises(OSError, match="Input/output error"):
+    with pytest.raises(OSError, match=r"Input/output error: '.*/run\.mcap'"):
         writer.close()
     assert writer.lost == 0
     (recording,) = open_recordings([tmp_path])
     assert numbers_in(list(recording.entries())) == [0, 1, 2]
+
+
+def test_an_error_that_the_system_tells_once_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    errors = iter([OSError(errno.EIO, os.strerror(errno.EIO))])
+
+    def sync(_: int) -> None:
+        for error in errors:
+            raise error
+
+    monkeypatch.setattr(os, "fdatasync", sync)
+    writer = RecordingWriter(tmp_path / "run.mcap", about())
+    fill(writer, range(3))
+    with pytest.raises(OSError, match=r"Input/output error: '.*/run\.mcap'"):
+        writer.close()
 
 
 def test_recording_ends_with_a_whole_file_before_the_disk_is_full(tmp_path: Path) -> None:
