@@ -423,8 +423,10 @@ class Diagnoser:
         if since != then:
             commanded = self._astray is not None and abs(since - self._astray) <= SKIDS_NS
             self._commanded[path] = since, commanded
-        lasts = now - since > 3 * SKIDS_NS and finding.confidence > LEAST_CONFIDENCE
-        return commanded and not lasts
+        if now - since > 3 * SKIDS_NS and finding.confidence > LEAST_CONFIDENCE:
+            commanded = False
+            self._commanded[path] = since, commanded  # from now on it is told
+        return commanded
 
     def _examine(self, now: int) -> list[Message]:
         """What has changed of faults and exclusions."""

@@ -105,7 +105,9 @@ class Findings:
         found = []
         for path in components:
             others = [other for other in components if other != path]
-            if others and not self._verdicts.kinds.get(path):
+            if others and path not in self._verdicts.kinds:
+                if path in rolling and not self._verdicts.stands(path):
+                    continue
                 words = {"others": component.in_words(others[0])}
                 summary = "two at once explain the residuals, neither alone"
                 found.append(self._finding("two_faults", path, summary, words))

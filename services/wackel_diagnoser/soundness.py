@@ -5,7 +5,7 @@ three degrees off while its reference leads by ten. So it is kept by how much th
 reference while it was seen to be faulty, and each step is asked whether it still does.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from wackel_diagnoser.hypotheses import Hypotheses
@@ -59,6 +59,8 @@ class Soundness:
         rows: How measurements are numbered.
         components: The parts.
         step, target: From when on they are.
+        earlier: Those that were named before, with what has followed each alone: by how much it
+            missed its reference is known.
     """
 
     def __init__(
@@ -69,8 +71,9 @@ class Soundness:
         *,
         step: Step,
         target: Target,
+        earlier: Mapping[str, "Soundness"],
     ) -> None:
-        self._parts: list[_Part] = []
+        self._parts: dict[str, _Part] = {}
         for path in components:
             place = hypotheses.place(path)
             if place is None:
@@ -80,7 +83,10 @@ class Soundness:
             kind = rows.steering if steers else rows.rolling
             own = hypotheses.own_rows(path)[kind].nonzero()[0].tolist()
             row = kind.start + own[0] if own else -1
-            self._parts.append(_Part(steers, wheel, rows.roll_of(wheel), row))
+            self._parts[path] = _Part(steers, wheel, rows.roll_of(wheel), row)
+            if path in earlier:
+                was = earlier[path]._parts[path]
+                self._parts[path].asked, self._parts[path].missed = was.asked, was.missed
         self._seconds = self._travelled = 0.0
         self._heading_then, self._told_before = step.heading, target.heading
 
@@ -95,7 +101,7 @@ class Soundness:
         """
         before, self._told_before = self._told_before, target.heading
         contrary, shows, variance = evidence > CONTRARY, True, measured.spread().variance
-        for part in self._parts:
+        for part in self._parts.values():
             told = target.speed[part.roll] if part.roll >= 0 else 0.0
             shows &= part.roll < 0 or abs(told) > MOVING_M_S
             if part.steers:
@@ -119,7 +125,7 @@ class Soundness:
         """Whether all of them have shown themselves sound for so long."""
         return self._seconds >= seconds and all(
             part.follows >= CLEAR
-            for part in self._parts
+            for part in self._parts.values()
             if 0.5 * part.missed * part.missed >= CLEAR * part.asked > 0.0
         )
 

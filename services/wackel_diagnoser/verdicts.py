@@ -289,21 +289,13 @@ class Verdicts:
             return False
         if (stand & now) - names or (names > now and self._are_dragged(names - now)):
             return False
-        if names < now and not self._soundness[proposal].lasts(self._sound_needed_s()):
+        if names < now and not self._shows_sound(now - names, names):
             return False
         sequential.accept(proposal)
         self._is_small = is_small
         if not names:
             self._small.forget()
-        self._soundness = {
-            self._numbers[left]: Soundness(
-                self._hypotheses, self._rows, names - left, step=step, target=target
-            )
-            for left in (
-                frozenset[str](),
-                *(frozenset((path,)) for path in names if len(names) > 1),
-            )
-        }
+        self._watch(names, now, step, target)
         self._take(explanations[proposal], step)
         return True
 
@@ -397,7 +389,7 @@ class Verdicts:
         places = [self._hypotheses.place(path) for path in components]
         self.steers_wrong = any(place is not None and place[0] == "steering" for place in places)
         self._block.clear()
-        gyros = [path for path in components if path.startswith("gyro/")]
+        gyros = _gyros(components)
         self.kinds |= dict.fromkeys(gyros, "sensor")
         if gyros:  # which would have to tell of the others
             return
@@ -456,6 +448,34 @@ class Verdicts:
         named = (roll for roll, path in enumerate(self._drives) if path in self.components)
         return any(map(self._standing.stood, named))
 
+    def _watch(self, names: set[str], before: set[str], step: Step, target: Target) -> None:
+        """Begins to watch whether what is named from now on is sound: all, and each of two."""
+        earlier = {
+            path: self._soundness[self._numbers[frozenset(before - {path})]]
+            for path in names & before
+        }
+        rest = [frozenset[str](), *(frozenset((path,)) for path in names if len(names) > 1)]
+        self._soundness = {
+            self._numbers[left]: Soundness(
+                self._hypotheses,
+                self._rows,
+                names - left,
+                step=step,
+                target=target,
+                earlier=earlier,
+            )
+            for left in rest
+        }
+
+    def _shows_sound(self, cleared: set[str], left: set[str]) -> bool:
+        """Whether parts have shown themselves sound, if others stay named.
+
+        A gyro cannot beside a wheel, which may turn the robot by as much as the gyro is off.
+        """
+        if _gyros(cleared) and left - _gyros(left):
+            return False
+        return self._soundness[self._numbers[frozenset(left)]].lasts(self._sound_needed_s())
+
     def _watch_soundness(
         self, step: Step, target: Target, measured: Measured, likelihood: Floats
     ) -> None:
@@ -465,6 +485,10 @@ class Verdicts:
         for left, soundness in self._soundness.items():
             evidence = float(faulty - likelihood[members[left]].max())
             soundness.step(step, target, measured, evidence)
+
+
+def _gyros(paths: Iterable[str]) -> set[str]:
+    return {path for path in paths if path.startswith("gyro/")}
 
 
 def _spare(drive: Drive, rows: Rows) -> int:

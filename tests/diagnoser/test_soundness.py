@@ -34,6 +34,7 @@ class Named:
             (path,),
             step=self._step(),
             target=self._target(0.0),
+            earlier={},
         )
 
     def drive(self, seconds: float, speed: float, off: float, *, evidence: float = 0.0) -> None:
