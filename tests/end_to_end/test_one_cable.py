@@ -41,7 +41,7 @@ def test_a_cable_to_a_steering_is_told_by_the_bus_and_by_the_drive(tmp_path: Pat
     loose, broken = (
         msgspec.structs.replace(fault, start_s=0.0, duration_s=None) for fault in scenario.faults
     )
-    assert (loose.kind, broken.kind) == ("loose_contact", "break")
+    assert (loose.kind, broken.kind) == ("loose_contact_bursts", "break")
     config = here(scenario.config, tmp_path)
     latest: list[Odometry] = []
     with robots.running(config, tmp_path) as robot:
