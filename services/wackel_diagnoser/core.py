@@ -35,6 +35,7 @@ from wackel_drive.layout import Layout
 from wackel_drive.stuck import StuckValue
 from wackel_kinematics.array import Floats
 from wackel_node.config_drive import DriveConfig, GyroConfig
+from wackel_schemas import component
 from wackel_schemas.bus import BusState
 from wackel_schemas.drive import Exclusion, Exclusions, ImuSample, TwistCommand
 from wackel_schemas.fault import FaultReport
@@ -417,7 +418,7 @@ class Diagnoser:
         than for that; nor is it told then, if it is about to heal. A push that begins and ends
         meanwhile is not told."""
         since, path = finding.since, finding.component
-        if finding.code not in SKIDDING:
+        if finding.code not in SKIDDING or path in map(component.gyro, self._stuck):
             return False
         then, commanded = self._commanded.get(path, (None, False))
         if since != then:

@@ -110,6 +110,7 @@ class Verdicts:
         self.steers_wrong = False
         self._free: frozenset[str] = frozenset()
         self._stuck: frozenset[str] = frozenset()
+        self._thawed: frozenset[str] = frozenset()  # of the gyros that are named
         self._standing = Standing(len(self._rolls))
         self._of_gyros = {
             number
@@ -152,7 +153,9 @@ class Verdicts:
 
     def stuck(self, gyros: Iterable[str]) -> None:
         """These gyros' values, and no others', are stuck from now on; to be told as it changes."""
-        self._stuck = frozenset(map(component.gyro, gyros))
+        stuck = frozenset(map(component.gyro, gyros))
+        self._thawed = (self._thawed | self._stuck) - stuck
+        self._stuck = stuck
         self._small.forget()
 
     def void(self) -> None:
@@ -291,6 +294,10 @@ class Verdicts:
             return False
         if names < now and not self._shows_sound(now - names, names):
             return False
+        # What pushes a robot that has a faulty wheel looks like a gyro's fault beside it.
+        added = _gyros(names - now) - self._stuck
+        if now and names > now and added and not self._outlasts_a_push():
+            return False
         sequential.accept(proposal)
         self._is_small = is_small
         if not names:
@@ -349,7 +356,10 @@ class Verdicts:
         both = self._numbers.get(lasting.union(self._hypotheses.explanations[proposal]))
         if both in (None, proposal) or not self._sequential.speaks_for(both):
             return proposal
-        return both if 1e9 * self._sequential.alarm_s > PUSHES_NS else None
+        return both if self._outlasts_a_push() else None
+
+    def _outlasts_a_push(self) -> bool:
+        return 1e9 * self._sequential.alarm_s > PUSHES_NS
 
     def _unless_stuck(self, proposal: int | None) -> int | None:
         """What is proposed, or holds; or the gyros that are stuck, which explain it."""
@@ -390,6 +400,7 @@ class Verdicts:
         self.steers_wrong = any(place is not None and place[0] == "steering" for place in places)
         self._block.clear()
         gyros = _gyros(components)
+        self._thawed &= gyros
         self.kinds |= dict.fromkeys(gyros, "sensor")
         if gyros:  # which would have to tell of the others
             return
@@ -470,9 +481,10 @@ class Verdicts:
     def _shows_sound(self, cleared: set[str], left: set[str]) -> bool:
         """Whether parts have shown themselves sound, if others stay named.
 
-        A gyro cannot beside a wheel, which may turn the robot by as much as the gyro is off.
+        Beside a wheel, which may turn the robot by as much as a gyro is off, only a gyro that was
+        stuck can.
         """
-        if _gyros(cleared) and left - _gyros(left):
+        if _gyros(cleared) - self._thawed and left - _gyros(left):
             return False
         return self._soundness[self._numbers[frozenset(left)]].lasts(self._sound_needed_s())
 

@@ -7,7 +7,7 @@ import pytest
 
 from tests.bench.diagnoser import befall
 from tests.diagnoser.rig import SEED, SHORT_WARM_UP_S, WARM_UP_S, Rig
-from tests.odometry.simulation import differential_drive
+from tests.odometry.simulation import differential_drive, other_drives
 from wackel_schemas import component
 from wackel_virtual.build import Build
 
@@ -95,6 +95,30 @@ def test_what_fails_later_is_named_beside_what_stays_wrong(
     rig.simulation.heal(kind)
     rig.drive(6.0)
     assert {where for _, where in rig.active()} == {path}
+
+
+@pytest.mark.parametrize("number", [2, 4])
+def test_a_push_beside_a_faulty_wheel_is_no_fault_of_the_gyro(number: int) -> None:
+    rig = Rig.of(f"beside/{number}", other_drives()["ackermann"])
+    rig.drive(15.0)
+    rig.inject("drive_sensor_scale", "w2", 0.2)
+    rig.drive(6.0)
+    rig.inject("push", value=1.0)
+    rig.drive(4.0)
+    assert rig.active() == [("wheel_sensor", "wheel/w2/drive")]
+
+
+def test_a_gyro_that_is_no_longer_stuck_is_believed_beside_a_faulty_wheel() -> None:
+    rig = Rig.of("thaws", differential_drive())
+    rig.drive(20.0)
+    rig.inject("drive_sensor_scale", "left", 0.2)
+    rig.drive(6.0)
+    rig.inject("gyro_frozen")
+    rig.drive(3.0)
+    assert {where for _, where in rig.active()} == {"wheel/left/drive", "gyro/body"}
+    rig.simulation.heal("gyro_frozen")
+    rig.drive(4.0)
+    assert {where for _, where in rig.active()} == {"wheel/left/drive"}
 
 
 @pytest.mark.parametrize("number", [2, 6])
