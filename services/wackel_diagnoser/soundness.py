@@ -5,7 +5,7 @@ three degrees off while its reference leads by ten. So it is kept by how much th
 reference while it was seen to be faulty, and each step is asked whether it still does.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from wackel_diagnoser.hypotheses import Hypotheses
@@ -67,7 +67,7 @@ class Soundness:
         self,
         hypotheses: Hypotheses,
         rows: Rows,
-        components: Collection[str],
+        components: Sequence[str],
         *,
         step: Step,
         target: Target,

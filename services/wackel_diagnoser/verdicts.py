@@ -302,7 +302,7 @@ class Verdicts:
         self._is_small = is_small
         if not names:
             self._small.forget()
-        self._watch(names, now, step, target)
+        self._watch(explanations[proposal], now, step, target)
         self._take(explanations[proposal], step)
         return True
 
@@ -459,18 +459,23 @@ class Verdicts:
         named = (roll for roll, path in enumerate(self._drives) if path in self.components)
         return any(map(self._standing.stood, named))
 
-    def _watch(self, names: set[str], before: set[str], step: Step, target: Target) -> None:
+    def _watch(
+        self, components: Sequence[str], before: set[str], step: Step, target: Target
+    ) -> None:
         """Begins to watch whether what is named from now on is sound: all, and each of two."""
         earlier = {
             path: self._soundness[self._numbers[frozenset(before - {path})]]
-            for path in names & before
+            for path in components
+            if path in before
         }
-        rest = [frozenset[str](), *(frozenset((path,)) for path in names if len(names) > 1)]
+        rest = [frozenset[str]()]
+        if len(components) > 1:
+            rest += [frozenset((path,)) for path in components]
         self._soundness = {
             self._numbers[left]: Soundness(
                 self._hypotheses,
                 self._rows,
-                names - left,
+                [path for path in components if path not in left],
                 step=step,
                 target=target,
                 earlier=earlier,
