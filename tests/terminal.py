@@ -4,7 +4,6 @@ import os
 import pty
 import subprocess
 import sys
-from pathlib import Path
 
 _TAKE = """
 import fcntl, os, sys, termios
@@ -13,7 +12,7 @@ os.execv(sys.argv[1], sys.argv[1:])
 """
 
 
-def on_terminal(*command: str | Path) -> tuple[subprocess.Popen[bytes], int]:
+def on_terminal(*command: str) -> tuple[subprocess.Popen[bytes], int]:
     """Starts it with its stdin and stderr there.
 
     Returns:

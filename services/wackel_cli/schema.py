@@ -101,7 +101,8 @@ def _write(directory: Path, texts: dict[str, str]) -> int:
 
 def _found(directory: Path) -> dict[str, str]:
     """Texts of the schemas of messages that are there, by name; other files are not ours."""
-    texts = {path.stem: path.read_bytes() for path in directory.glob("*.json")}
+    files = [path for path in directory.glob("*.json") if path.is_file()]
+    texts = {path.stem: path.read_bytes() for path in files}
     ours = _WIRE.encode()
     return {name: text.decode(errors="replace") for name, text in texts.items() if ours in text}
 

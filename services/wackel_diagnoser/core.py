@@ -169,10 +169,10 @@ class Diagnoser:
         # About the latest command, and of those that were none; and ends of the first step since.
         self._complaints: dict[bool, Complaint] = {}
         self._complained: dict[bool, int] = {}
-        # Stamp of the last command that wheels or tyres cannot follow; since when there is what has
-        # been looked at last; and whether that is a slip which the command made.
+        # Stamp of the last command that wheels or tyres cannot follow; and of each part that was
+        # named, since when it is, and whether that is a slip which the command made.
         self._astray: int | None = None
-        self._commanded: dict[str, tuple[int, bool]] = {}  # since when, and whether it was
+        self._commanded: dict[str, tuple[int, bool]] = {}
         self._exclusions: list[Exclusion] | None = None
 
     def bus_state(self, bus: str, state: BusState) -> list[Message]:

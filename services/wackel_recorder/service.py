@@ -52,7 +52,7 @@ class Recorder:
 
     @property
     def lost(self) -> int:
-        """Messages that are in no file."""
+        """Messages that are in no file, at most."""
         return self.dropped + self.writer.lost
 
     def close(self) -> bool:

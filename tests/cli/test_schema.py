@@ -40,6 +40,7 @@ def test_what_is_out_of_date_missing_or_too_much_is_named(
     gone = (tmp_path / "Odometry.json").read_text()
     (tmp_path / "Gone.json").write_text(gone)
     (tmp_path / "package.json").write_text("{}")
+    (tmp_path / "folder.json").mkdir()
     assert main(["--check", str(tmp_path)]) == 1
     assert "out of date: BusState, Gone, Health;" in capsys.readouterr().err
     assert main(["--write", str(tmp_path)]) == 0

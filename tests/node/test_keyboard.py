@@ -2,11 +2,9 @@
 
 import os
 import sys
-import time
 
 import pytest
 
-from tests.conftest import wait_until
 from tests.terminal import on_terminal
 
 pytestmark = pytest.mark.process
@@ -25,21 +23,20 @@ _, status = os.waitpid(job.pid, os.WUNTRACED)
 sys.exit(os.WIFSTOPPED(status) or os.waitstatus_to_exitcode(status))
 """
 _WAITS_FOR_Q = """
+import sys
 from wackel_node.keyboard import Keyboard
 with Keyboard() as keyboard:
+    print("waiting", file=sys.stderr)
     while "q" not in keyboard.typed():
         pass
 """
 _LOOKS_ONCE = """
+import sys
 from wackel_node.keyboard import Keyboard
 with Keyboard() as keyboard:
+    print("waiting", file=sys.stderr)
     assert keyboard.typed() == ""
 """
-
-
-def type_(terminal: int, keys: bytes) -> None:
-    os.write(terminal, keys)
-    time.sleep(0.05)
 
 
 @pytest.mark.parametrize(
@@ -48,9 +45,11 @@ def type_(terminal: int, keys: bytes) -> None:
 def test_keys_come_in_the_foreground_and_nobody_is_suspended(ground: str, job: str) -> None:
     shell, terminal = on_terminal(sys.executable, "-c", _SHELL, ground, job)
     try:
-        # Again and again: what was typed before anyone waits for keys is not taken.
-        wait_until(lambda: shell.poll() is not None, 20, lambda: type_(terminal, b"xq"))
-        assert shell.returncode == 0
+        said = b""
+        while b"waiting" not in said:
+            said += os.read(terminal, 1024)
+        os.write(terminal, b"xq")
+        assert shell.wait(20) == 0
     finally:
         os.close(terminal)
         shell.kill()

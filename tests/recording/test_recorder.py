@@ -1,7 +1,6 @@
 """The recorder as a process on a real robot link: what it keeps, whatever happens to it."""
 
 import os
-import pty
 import re
 import resource
 import signal
@@ -47,6 +46,16 @@ def recorder(
     finally:
         process.kill()
         process.wait()
+
+
+def on_a_terminal(config: RobotConfig, directory: Path) -> tuple[subprocess.Popen[bytes], int]:
+    """A recorder into ``out``; see :func:`on_terminal`."""
+    path = directory / "robot.toml"
+    path.write_text(dump(config))
+    output = directory / "out"
+    return on_terminal(
+        sys.executable, "-m", "wackel_recorder", "--config", str(path), "-o", str(output)
+    )
 
 
 def log_of(directory: Path) -> str:
@@ -238,10 +247,7 @@ def test_a_disk_that_takes_no_more_is_told_and_the_service_lives_on(
 def test_when_its_terminal_is_closed_the_file_is_finished(
     rendezvous: Rendezvous, tmp_path: Path
 ) -> None:
-    path = tmp_path / "robot.toml"
-    path.write_text(dump(rendezvous.config))
-    command = [sys.executable, "-m", "wackel_recorder", "--config", path, "-o", tmp_path / "out"]
-    process, terminal = on_terminal(*command)
+    process, terminal = on_a_terminal(rendezvous.config, tmp_path)
     shown = ""
     while shown.count("\x1b[K") < 2:
         shown += os.read(terminal, 4096).decode()
@@ -298,17 +304,10 @@ def test_what_cannot_be_recorded_is_told_at_once(
 
 @pytest.mark.process
 def test_on_a_narrow_terminal_the_progress_stays_on_one_line(
-    rendezvous: Rendezvous, tmp_path: Path
+    rendezvous: Rendezvous, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    terminal, side = pty.openpty()
-    path = tmp_path / "robot.toml"
-    path.write_text(dump(rendezvous.config))
-    process = subprocess.Popen(
-        [sys.executable, "-m", "wackel_recorder", "--config", path, "-o", tmp_path / "out"],
-        stderr=side,
-        env={**os.environ, "COLUMNS": "40"},
-    )
-    os.close(side)
+    monkeypatch.setenv("COLUMNS", "40")
+    process, terminal = on_a_terminal(rendezvous.config, tmp_path)
     shown = ""
     while shown.count("\x1b[K") < 3:
         shown += os.read(terminal, 4096).decode()
