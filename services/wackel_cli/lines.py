@@ -83,7 +83,8 @@ def _describe(message: Message) -> str:
                 "valid packets"
             )
         case BusCommand():
-            return f"goals for {', '.join(str(goal.id) for goal in message.goals)}"
+            holds = "" if message.holds_s is None else f" for {message.holds_s:g} s"
+            return f"goals for {', '.join(str(goal.id) for goal in message.goals)}{holds}"
         case ImuSample():
             x, y, z = message.angular_velocity
             return f"turns {x:+.4f} {y:+.4f} {z:+.4f} rad/s"

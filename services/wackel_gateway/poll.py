@@ -6,6 +6,7 @@ from wackel_gateway.commands import Refused, writes
 from wackel_gateway.exchange import Exchange
 from wackel_gateway.gyro import BusGyro
 from wackel_gateway.job import Job, Stage
+from wackel_gateway.lapse import Lapse
 from wackel_gateway.management import Management
 from wackel_gateway.outbox import Outbox
 from wackel_gateway.outcome import Outcome
@@ -21,7 +22,7 @@ from wackel_node.log import logger
 from wackel_node.node import Node
 from wackel_protocols.dynamixel2 import packet
 from wackel_schemas import keys
-from wackel_schemas.bus import BusCommand, BusReply, BusRequest
+from wackel_schemas.bus import BusCommand, BusReply, BusRequest, ServoGoal
 from wackel_schemas.wire import Rejected
 
 _LOOK_S = 0.2  # at a rate of few cycles a second, a port that is gone shall still show at once
@@ -53,6 +54,7 @@ class Poller:
             now_ns=monotonic_ns(),
         )
         self._processor_wait = ProcessorWait()
+        self._lapse = Lapse()
         self._exchange: Exchange | None = None
         self._outbox = Outbox(reporter.transaction, self._state)
         self._models: dict[int, int | None] = {}
@@ -76,6 +78,8 @@ class Poller:
             while not node.stopping:
                 node.pump()
                 now = monotonic_ns()
+                if self._lapse.due_ns is not None and now >= self._lapse.due_ns:
+                    self._take_back(now)
                 job = schedule.next(now)
                 if job is None:
                     outbox.release(now)
@@ -96,6 +100,9 @@ class Poller:
                     outcome.host_lag_ns = max(outcome.host_lag_ns, waited_ns)
                 outbox.add(outcome)
                 self._done(job, outcome)
+            for write in self._stops(self._lapse.all_back()):
+                exchange.send("command", write)
+                outbox.add(exchange.gather())
         finally:
             self._exchange = None
             outbox.release_all()
@@ -160,11 +167,28 @@ class Poller:
             return
         try:
             instructions = writes(command.goals, self._roster)
+            self._lapse.commanded(command, monotonic_ns())
         except Refused as refusal:
             self._reporter.refused("command", refusal)
             raise Rejected(str(refusal)) from refusal  # so that health tells it, too
         self._schedule.command(instructions)
         self._reporter.statistics.commands += 1
+
+    def _take_back(self, now_ns: int) -> None:
+        """Stops what nobody commands any more."""
+        goals = self._lapse.taken_back(now_ns)
+        self._schedule.command(self._stops(goals))
+        if not self._reporter.statistics.lapsed:  # the statistics count the others
+            ids = sorted({goal.id for goal in goals})
+            logger.warning("servos %s are stopped: no command has come in time", ids)
+        self._reporter.statistics.lapsed = self._lapse.count
+
+    def _stops(self, goals: list[ServoGoal]) -> list[bytes]:
+        try:
+            return writes(goals, self._roster) if goals else []
+        except Refused as refusal:  # a servo has turned out to be a model that has no such goal
+            self._reporter.refused("command", refusal)
+            return []
 
     def _request(self, request: BusRequest) -> BusReply:
         """Runs between two transactions: the node's handlers are only called there."""

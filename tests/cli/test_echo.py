@@ -100,8 +100,8 @@ MESSAGES: dict[str, tuple[Message, str]] = {
         "0 bytes outside valid packets",
     ),
     "bus/main/command": (
-        BusCommand(stamp=1, goals=[ServoGoal(id=3), ServoGoal(id=5)]),
-        "goals for 3, 5",
+        BusCommand(stamp=1, goals=[ServoGoal(id=3), ServoGoal(id=5)], holds_s=0.5),
+        "goals for 3, 5 for 0.5 s",
     ),
     "imu/body": (
         ImuSample(stamp=1, angular_velocity=(0.01, -0.02, 1.5)),

@@ -211,6 +211,56 @@ def test_commands_move_servos_and_impossible_ones_are_refused_whole(
     assert (last.commands, last.rejected) == (1, {"unknown servo": 1, "not a number": 1})
 
 
+def test_a_motor_stops_when_what_commands_it_is_silent(
+    bus: Bus, start_gateway: StartGateway
+) -> None:
+    gateway = start_gateway(bus.config)
+    gateway.wait_until(gateway.answering(IDS))
+    mode = BusRequest(operation="write", id=2, register="operating_mode", value=1)
+    assert gateway.link.ask(keys.BUS_REQUEST, mode, bus="main", timeout_s=5).ok
+    goal = ServoGoal(id=2, torque_enabled=True, velocity=1.0)
+
+    def velocity() -> float:
+        for state in reversed(gateway.states):
+            for servo in state.servos:
+                if servo.id == 2 and servo.velocity is not None:
+                    return servo.velocity
+        return 0.0
+
+    command = gateway.link.publisher(keys.COMMAND, bus="main")
+    command.put(BusCommand(stamp=0, goals=[goal], holds_s=float("inf")))
+    command.put(BusCommand(stamp=0, goals=[goal], holds_s=1.0))
+    gateway.wait_until(lambda: velocity() > 0.9)
+    gateway.wait_until(lambda: abs(velocity()) < 0.1)
+    gateway.wait_until(lambda: any(told.lapsed == 1 for told in gateway.statistics))
+    assert gateway.statistics[-1].rejected == {"no time to hold": 1}
+
+
+def test_motors_that_were_commanded_for_a_time_stop_when_the_gateway_does(
+    bus: Bus, start_gateway: StartGateway
+) -> None:
+    gateway = start_gateway(bus.config)
+    gateway.wait_until(gateway.answering(IDS))
+    for servo_id in (2, 3):
+        mode = BusRequest(operation="write", id=servo_id, register="operating_mode", value=1)
+        assert gateway.link.ask(keys.BUS_REQUEST, mode, bus="main", timeout_s=5).ok
+    command = gateway.link.publisher(keys.COMMAND, bus="main")
+    for servo_id, holds_s in ((2, 60.0), (3, None)):
+        goal = ServoGoal(id=servo_id, torque_enabled=True, velocity=1.0)
+        command.put(BusCommand(stamp=0, goals=[goal], holds_s=holds_s))
+    gateway.wait_until(lambda: any(told.commands == 2 for told in gateway.statistics))
+    assert gateway.stop() == 0
+    again = start_gateway(bus.config)
+    again.wait_until(again.answering(IDS))
+
+    def goal_velocity(servo_id: int) -> int | None:
+        read = BusRequest(operation="read", id=servo_id, register="goal_velocity")
+        return again.link.ask(keys.BUS_REQUEST, read, bus="main", timeout_s=5).value
+
+    assert goal_velocity(2) == 0
+    assert goal_velocity(3) == 42  # of 0.229 rev/min: 1 rad/s, as it was told
+
+
 def test_requests_run_between_cycles_and_are_answered_in_words(
     bus: Bus, start_gateway: StartGateway
 ) -> None:

@@ -107,6 +107,17 @@ def test_the_robot_drives_and_stops_when_the_pilot_is_stopped(tmp_path: Path) ->
         robot.wait(lambda: all(abs(watch.rates[i] or 0.0) < 0.05 for i in (0, 1, 2)))
 
 
+def test_wheels_stop_when_the_pilot_is_killed(tmp_path: Path) -> None:
+    with running(wheeled(tmp_path), tmp_path) as robot:
+        robot.wait(robot.ready)
+        watch = Watch(robot)
+        with process(*pilot(tmp_path), log=tmp_path / "pilot.log") as driver:
+            robot.wait(lambda: watch.odometry.valid and watch.odometry.vx > 0.2)
+            driver.kill()
+            driver.wait()
+        robot.wait(lambda: all(abs(watch.rates[i] or 0.0) < 0.05 for i in (0, 1, 2)))
+
+
 def test_it_does_not_outlive_the_robot(tmp_path: Path) -> None:
     with running(wheeled(tmp_path), tmp_path) as robot:
         robot.wait(robot.ready)
