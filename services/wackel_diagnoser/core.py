@@ -351,6 +351,9 @@ class Diagnoser:
         # What the estimate took from a row itself does not show in its residual.
         left, least = variance - np.vecdot(spread, measured.h), _LEAST_LEFT * variance
         seen = measured.present & (left > least)
+        # Where it is hardly known how drives follow, they do not tell how large noise is.
+        rolling, rolled = self._rows.rolling, np.array(measured.rolled)
+        seen[rolling] &= self._small.follows * rolled * rolled < _HALF * variance[rolling]
         np.maximum(left, least, out=left)
         if moving:
             squares = off * off / left
@@ -365,7 +368,10 @@ class Diagnoser:
         """What has been learnt goes into the rows."""
         self._references.adopt(self._small.following.gives_way)
         self._rows.adopt(
-            self._small.calibration, biases=self._bias.variance, scales=self._scaling.factors
+            self._small.calibration,
+            follows=self._small.follows,
+            biases=self._bias.variance,
+            scales=self._scaling.factors,
         )
 
     def _watch_gyros(self, end: int, measured: Measured) -> None:

@@ -271,6 +271,7 @@ class Rows:
         self,
         calibration: Floats,
         *,
+        follows: Floats | float = 0.0,
         biases: Floats | float = 0.0,
         scales: Floats | None = None,
     ) -> None:
@@ -279,6 +280,8 @@ class Rows:
         Args:
             calibration: By what share of a wheel's speed slide and roll rows are off, and of their
                 rate gyros, squares of standard deviations.
+            follows: The same of what drives are faster than their references, beyond what is known
+                of that, shape (roll rows,).
             biases: Variances with which those of gyros are known, (rad/s)², shape (g,).
             scales: By how much variances of sensors, and those that manoeuvres add, are larger than
                 expected, shape (2, M); ``None``: they are not.
@@ -288,6 +291,7 @@ class Rows:
         # is forced or late.
         self._by_squares = np.concatenate((sensors * self._follows, manoeuvre))
         self._by_squares[: self.gyros.stop] += calibration
+        self._by_squares[self.rolling] += follows
         constant = self._causes[: self.count]
         mean = float(np.add.reduce(calibration[: self._constraints])) / self._constraints
         np.multiply(self._noise, sensors[:, None], out=constant)

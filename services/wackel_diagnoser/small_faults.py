@@ -137,6 +137,8 @@ class SmallFaults:
         following: How drives follow their references, as learnt.
         calibration: Squares of the shares by which slide and roll rows (of speed) and gyros (of
             their rate) are expected to be off, by what driving has shown.
+        follows: The same of what drives are faster than their references, beyond ``following``,
+            shape (roll rows,). One that has hardly rolled yet may be so by anything.
     """
 
     def __init__(
@@ -177,6 +179,7 @@ class SmallFaults:
         self.following = rows.following
         self._configured = rows.configured
         self.calibration: Floats = UNKNOWN**2 * rows.configured
+        self.follows: Floats = np.zeros(len(constants.off))
         # Where each of them stands; how gyros and wheels disagree on turning is one for all gyros.
         self._wheels = constants.gyro.start
         turning = constants.askew.stop - 1
@@ -290,6 +293,7 @@ class SmallFaults:
             # take off what is learnt would turn its errors into contradictions.
             expected = (usual * usual + covariance.diagonal()).take(self._calibrated)
             self.calibration = np.maximum(expected, self._configured)
+            self.follows = covariance.diagonal().take(self._constants.off)
 
     def _forced_slip(self, told: Floats, usual: Floats) -> Floats:
         """Variance of the slip that calibration forces, by that of noise, for each parameter.

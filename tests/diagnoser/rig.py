@@ -11,6 +11,7 @@ import numpy as np
 from tests.diagnoser.driving import course
 from tests.odometry.simulation import steered_drive
 from wackel_diagnoser.core import Diagnoser
+from wackel_drive.layout import Layout
 from wackel_kinematics.array import Floats
 from wackel_node.config import RobotConfig
 from wackel_node.config_drive import DriveConfig, GyroConfig
@@ -21,7 +22,7 @@ from wackel_schemas.residuals import Residuals
 from wackel_schemas.virtual import Injection
 from wackel_virtual.build import Build
 from wackel_virtual.calibration_errors import CalibrationErrors
-from wackel_virtual.drive_simulation import START_NS, Cycle, DriveSimulation
+from wackel_virtual.drive_simulation import MOST_M_S, START_NS, Cycle, DriveSimulation
 
 GYRO = "body"
 WARM_UP_S = 30.0
@@ -102,6 +103,7 @@ class Rig:
         rng = np.random.default_rng(Random(seed).getrandbits(63))
         sideways = config.kind in ("steered", "mecanum", "omni")
         path = course(driving, rng, course_s, sideways=sideways, friction=build.friction)
+        path *= _share(path, config)[:, None]
         diagnoser = Diagnoser(config, {GYRO: gyro}, lambda: shown)
         return cls(
             simulation, diagnoser, config, path, busy=Random(f"{seed}/busy") if busy else None
@@ -172,3 +174,12 @@ class Rig:
     def active(self) -> list[tuple[str, str]]:
         """Code and component of what is active."""
         return [(report.code, report.component) for report in self.diagnoser.active()]
+
+
+def _share(path: Floats, config: DriveConfig) -> Floats:
+    """How much of each twist a control commands, where wheels that do not steer had to roll faster
+    than their motors can: all of the robot is slower then, shape (m,)."""
+    drive = Layout(config).drive
+    rolls = drive.rows(drive.steering(np.zeros(drive.n)))[len(drive.slide_wheels) :]
+    fastest = np.abs(path @ rolls[~drive.steers[drive.roll_wheels]].T).max(axis=1, initial=MOST_M_S)
+    return np.asarray(MOST_M_S / fastest)

@@ -4,6 +4,7 @@ from random import Random
 
 import pytest
 
+from tests.diagnoser.fleet import COMPLAINTS
 from tests.diagnoser.rig import SHORT_WARM_UP_S, WARM_UP_S, Rig
 from tests.odometry.simulation import other_drives
 from wackel_virtual.build import Build
@@ -84,3 +85,18 @@ def test_wheels_with_rollers_that_are_mounted_askew_are_no_fault_of_the_gyro() -
     rig = Rig.of("judge30/other/mecanum/4", other_drives()["mecanum"], driving="lines")
     rig.drive(80.0)
     assert rig.reports == []
+
+
+@pytest.mark.parametrize(
+    ("seed", "name", "driving", "seconds"),
+    [
+        ("a9fa1a40e910b998/other/omni/8", "omni", "circles", 37.0),  # about it, then another way
+        ("x1/other/mecanum/33", "mecanum", "jumps", 8.0),
+    ],
+)
+def test_of_a_wheel_that_has_hardly_rolled_it_is_not_known_how_it_follows(
+    seed: str, name: str, driving: str, seconds: float
+) -> None:
+    robot = Rig.of(seed, DRIVES[name], driving=driving, build=Build.drawn(Random(seed)))
+    robot.drive(seconds)
+    assert {report.code for report in robot.reports} <= set(COMPLAINTS)
