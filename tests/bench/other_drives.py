@@ -61,12 +61,12 @@ class Driven:
 
     Attributes:
         drive: Its name.
-        alarms: Reports without a fault.
+        alarms: For each report without a fault, the way it drove.
         outcomes: Of the faults.
     """
 
     drive: str
-    alarms: int
+    alarms: list[str]
     outcomes: list[Outcome]
 
 
@@ -81,14 +81,15 @@ def robot(job: tuple[str, str]) -> Driven:
     healthy.drive(HEALTHY_S)
     rig = kind.of(seed, DRIVES[name], build=build)
     rig.drive(WARM_UP_S)
-    reports = [
-        report
-        for report in healthy.reports + rig.reports
+    alarms = [
+        way
+        for way, each in ((driving, healthy), ("random", rig))
+        for report in each.reports
         if report.status == "active" and report.code not in COMPLAINTS
     ]
     faults = [number for number in FAULTS if having(rig.config, KINDS[number])]
     outcomes = [befall(rig.copy(), number, seed) for number in faults]
-    return Driven(name, len(reports), outcomes)
+    return Driven(name, alarms, outcomes)
 
 
 def run(*, quick: bool = False, robots: int | None = None, seeds: str | None = None) -> Table:
@@ -108,12 +109,15 @@ def run(*, quick: bool = False, robots: int | None = None, seeds: str | None = N
     ):
         found = list(progress.track(pool.imap_unordered(robot, jobs), len(jobs)))
     outcomes: dict[str, list[Outcome]] = {name: [] for name in DRIVES}
-    alarms = dict.fromkeys(DRIVES, 0)
+    alarms: dict[str, list[str]] = {name: [] for name in DRIVES}
     for each in found:
         outcomes[each.drive] += each.outcomes
         alarms[each.drive] += each.alarms
     hours = count * (HEALTHY_S + WARM_UP_S) / 3600
-    said = ", ".join(f"{name} {many}" for name, many in alarms.items())
+    said = ", ".join(
+        f"{name} {len(ways)}" + f" ({', '.join(sorted(ways))})" * bool(ways)
+        for name, ways in alarms.items()
+    )
     shown = named_table(f"Diagnoser: other drives, {count} robots each", outcomes, FAULTS)
     shown.caption = f"false alarms in {hours:.2f} h each: {said}"
     return shown
