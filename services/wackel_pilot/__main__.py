@@ -25,10 +25,10 @@ def main(argv: list[str]) -> int:
         prog="wackel pilot",
         description="Drives a robot with [drive] along a path: publishes command/twist and the\n"
         "servos' goals on bus/<bus>/command, 100 times a second. THE ROBOT MOVES. Ctrl-C,\n"
-        "Ctrl-Z or closing the terminal stops its wheels and ends it; if it is killed, they\n"
-        "stop a second later. Servos that drive are put into wheel mode; where one could\n"
-        "not follow, the whole robot drives slower. When nothing comes from the robot for two\n"
-        "seconds, the pilot ends with exit code 3.",
+        "Ctrl-Z or closing the terminal stops its wheels and ends it; if it is killed,\n"
+        "they stop a second later. Servos that drive are put into wheel mode; where one\n"
+        "could not follow, the whole robot drives slower. When nothing comes from the\n"
+        "robot for two seconds, the pilot ends with exit code 3.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
