@@ -37,6 +37,14 @@ def free_port() -> int:
 
 
 @pytest.fixture
+def hangup_counts() -> Iterator[None]:
+    """What a test starts heeds SIGHUP, even where the tests themselves run under nohup."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.fixture
 def robot_config(tmp_path: Path) -> RobotConfig:
     """A configuration that collides with no other test: own port, own state directory."""
     return RobotConfig(

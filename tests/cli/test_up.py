@@ -324,6 +324,7 @@ def pids(lines: list[dict[str, str]]) -> list[int]:
 
 
 @pytest.mark.process
+@pytest.mark.usefixtures("hangup_counts")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_stops_everything(up: Up, number: signal.Signals) -> None:
     process = up()

@@ -75,6 +75,7 @@ def witness(rendezvous: Rendezvous) -> Iterator[Witness]:
         yield Witness(link)
 
 
+@pytest.mark.usefixtures("hangup_counts")
 def test_a_service_is_alive_beats_and_stops_on_request(start: Start, witness: Witness) -> None:
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         process = start()
