@@ -244,6 +244,7 @@ def test_a_disk_that_takes_no_more_is_told_and_the_service_lives_on(
 
 
 @pytest.mark.process
+@pytest.mark.usefixtures("hangup_counts")
 def test_when_its_terminal_is_closed_the_file_is_finished(
     rendezvous: Rendezvous, tmp_path: Path
 ) -> None:
