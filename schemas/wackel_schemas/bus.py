@@ -177,7 +177,7 @@ class BusStatistics(Message, kw_only=True):
         reconnects: How often the adapter came back.
         overruns: UART and buffer overruns that the driver counted; absent where it counts none.
         commands: Goal writes sent.
-        lapsed: Goals that became 0, because nobody renewed them in time.
+        timed_out: Goals that became 0, because nobody renewed them in time.
         rejected: Commands and requests refused, by reason.
         servos: In cable order.
     """
@@ -202,7 +202,7 @@ class BusStatistics(Message, kw_only=True):
     reconnects: int = 0
     overruns: int | None = None
     commands: int = 0
-    lapsed: int = 0
+    timed_out: int = 0
     rejected: dict[str, int] = {}
     servos: list[ServoStatistics] = []
 
@@ -223,13 +223,13 @@ class BusCommand(Message, kw_only=True):
 
     Attributes:
         goals: Of one servo each.
-        holds_s: For how long, s, up to 3600: then, or when the gateway ends before, velocity,
+        timeout_s: For how long they hold, up to 3600: then, or when the gateway ends before, velocity,
             current and PWM goals become 0, unless others have come for the same servo. So the robot
             stops where what commands it has died. Absent: until there are others, as servos do it.
     """
 
     goals: list[ServoGoal]
-    holds_s: float | None = None
+    timeout_s: float | None = None
 
 
 class BusRequest(Record, kw_only=True):

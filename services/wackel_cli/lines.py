@@ -83,7 +83,7 @@ def _describe(message: Message) -> str:
                 "valid packets"
             )
         case BusCommand():
-            holds = "" if message.holds_s is None else f" for {message.holds_s:g} s"
+            holds = "" if message.timeout_s is None else f" for {message.timeout_s:g} s"
             return f"goals for {', '.join(str(goal.id) for goal in message.goals)}{holds}"
         case ImuSample():
             x, y, z = message.angular_velocity

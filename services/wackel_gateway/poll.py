@@ -2,11 +2,11 @@
 
 from time import monotonic_ns
 
+from wackel_gateway.command_timeouts import CommandTimeouts
 from wackel_gateway.commands import Refused, writes
 from wackel_gateway.exchange import Exchange
 from wackel_gateway.gyro import BusGyro
 from wackel_gateway.job import Job, Stage
-from wackel_gateway.lapse import Lapse
 from wackel_gateway.management import Management
 from wackel_gateway.outbox import Outbox
 from wackel_gateway.outcome import Outcome
@@ -54,7 +54,7 @@ class Poller:
             now_ns=monotonic_ns(),
         )
         self._processor_wait = ProcessorWait()
-        self._lapse = Lapse()
+        self._timeouts = CommandTimeouts()
         self._exchange: Exchange | None = None
         self._outbox = Outbox(reporter.transaction, self._state)
         self._models: dict[int, int | None] = {}
@@ -78,7 +78,7 @@ class Poller:
             while not node.stopping:
                 node.pump()
                 now = monotonic_ns()
-                if self._lapse.due_ns is not None and now >= self._lapse.due_ns:
+                if self._timeouts.due_ns is not None and now >= self._timeouts.due_ns:
                     self._take_back(now)
                 job = schedule.next(now)
                 if job is None:
@@ -100,7 +100,7 @@ class Poller:
                     outcome.host_lag_ns = max(outcome.host_lag_ns, waited_ns)
                 outbox.add(outcome)
                 self._done(job, outcome)
-            for write in self._stops(self._lapse.all_back()):
+            for write in self._stops(self._timeouts.all_back()):
                 exchange.send("command", write)
                 outbox.add(exchange.gather())
         finally:
@@ -167,7 +167,7 @@ class Poller:
             return
         try:
             instructions = writes(command.goals, self._roster)
-            self._lapse.commanded(command, monotonic_ns())
+            self._timeouts.commanded(command, monotonic_ns())
         except Refused as refusal:
             self._reporter.refused("command", refusal)
             raise Rejected(str(refusal)) from refusal  # so that health tells it, too
@@ -176,12 +176,12 @@ class Poller:
 
     def _take_back(self, now_ns: int) -> None:
         """Stops what nobody commands any more."""
-        goals = self._lapse.taken_back(now_ns)
+        goals = self._timeouts.taken_back(now_ns)
         self._schedule.command(self._stops(goals))
-        if not self._reporter.statistics.lapsed:  # the statistics count the others
+        if not self._reporter.statistics.timed_out:  # the statistics count the others
             ids = sorted({goal.id for goal in goals})
             logger.warning("servos %s are stopped: no command has come in time", ids)
-        self._reporter.statistics.lapsed = self._lapse.count
+        self._reporter.statistics.timed_out = self._timeouts.count
 
     def _stops(self, goals: list[ServoGoal]) -> list[bytes]:
         try:

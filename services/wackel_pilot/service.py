@@ -21,7 +21,7 @@ from wackel_schemas.drive import TwistCommand
 from wackel_schemas.keys import BUS_REQUEST
 
 RATE_HZ = 100.0
-HOLDS_S = 1.0
+COMMAND_TIMEOUT_S = 1.0
 """Then the gateway stops the wheels: only if the pilot was killed is it silent for so long."""
 TORQUE_S = 1.0
 """How often torque is asked for: a servo that has restarted then drives on."""
@@ -86,7 +86,7 @@ def run(config: RobotConfig, drive: DriveConfig, path: Path, duration_s: float |
                 if torque:
                     for goal in each:
                         goal.torque_enabled = True
-                commands[bus].put(BusCommand(stamp=stamp, goals=each, holds_s=HOLDS_S))
+                commands[bus].put(BusCommand(stamp=stamp, goals=each, timeout_s=COMMAND_TIMEOUT_S))
 
         def look() -> None:
             silent[:] = hearing.look()

@@ -100,7 +100,7 @@ MESSAGES: dict[str, tuple[Message, str]] = {
         "0 bytes outside valid packets",
     ),
     "bus/main/command": (
-        BusCommand(stamp=1, goals=[ServoGoal(id=3), ServoGoal(id=5)], holds_s=0.5),
+        BusCommand(stamp=1, goals=[ServoGoal(id=3), ServoGoal(id=5)], timeout_s=0.5),
         "goals for 3, 5 for 0.5 s",
     ),
     "imu/body": (

@@ -228,12 +228,12 @@ def test_a_motor_stops_when_what_commands_it_is_silent(
         return 0.0
 
     command = gateway.link.publisher(keys.COMMAND, bus="main")
-    command.put(BusCommand(stamp=0, goals=[goal], holds_s=float("inf")))
-    command.put(BusCommand(stamp=0, goals=[goal], holds_s=1.0))
+    command.put(BusCommand(stamp=0, goals=[goal], timeout_s=float("inf")))
+    command.put(BusCommand(stamp=0, goals=[goal], timeout_s=1.0))
     gateway.wait_until(lambda: velocity() > 0.9)
     gateway.wait_until(lambda: abs(velocity()) < 0.1)
-    gateway.wait_until(lambda: any(told.lapsed == 1 for told in gateway.statistics))
-    assert gateway.statistics[-1].rejected == {"no time to hold": 1}
+    gateway.wait_until(lambda: any(told.timed_out == 1 for told in gateway.statistics))
+    assert gateway.statistics[-1].rejected == {"no timeout": 1}
 
 
 def test_motors_that_were_commanded_for_a_time_stop_when_the_gateway_does(
@@ -245,9 +245,9 @@ def test_motors_that_were_commanded_for_a_time_stop_when_the_gateway_does(
         mode = BusRequest(operation="write", id=servo_id, register="operating_mode", value=1)
         assert gateway.link.ask(keys.BUS_REQUEST, mode, bus="main", timeout_s=5).ok
     command = gateway.link.publisher(keys.COMMAND, bus="main")
-    for servo_id, holds_s in ((2, 60.0), (3, None)):
+    for servo_id, timeout_s in ((2, 60.0), (3, None)):
         goal = ServoGoal(id=servo_id, torque_enabled=True, velocity=1.0)
-        command.put(BusCommand(stamp=0, goals=[goal], holds_s=holds_s))
+        command.put(BusCommand(stamp=0, goals=[goal], timeout_s=timeout_s))
     gateway.wait_until(lambda: any(told.commands == 2 for told in gateway.statistics))
     assert gateway.stop() == 0
     again = start_gateway(bus.config)

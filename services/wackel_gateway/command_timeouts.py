@@ -1,4 +1,4 @@
-"""Goals that hold for a time only, pure: who commands may die, and servos go on as last told."""
+"""Timeouts of commands, pure: who commands may die, and servos go on as last told."""
 
 from dataclasses import dataclass
 
@@ -21,7 +21,7 @@ class _Held:
     told: int = 0
 
 
-class Lapse:
+class CommandTimeouts:
     """The goals that were commanded for a time, until others come or they are taken back.
 
     Attributes:
@@ -37,20 +37,24 @@ class Lapse:
     def commanded(self, command: BusCommand, now_ns: int) -> None:
         """Takes notice of a command, whose goals come instead of earlier ones.
 
+        Args:
+            command: One that is carried out.
+            now_ns: Since when it holds, on the monotonic clock, as all times here.
+
         Raises:
             Refused: It cannot hold for so long. Nothing of it has been noticed.
         """
-        holds_s = command.holds_s
-        if holds_s is not None and not 0 < holds_s <= LONGEST_S:
-            raise Refused("no time to hold", f"holds_s is {holds_s}, not in 0 … {LONGEST_S:g}")
+        timeout_s = command.timeout_s
+        if timeout_s is not None and not 0 < timeout_s <= LONGEST_S:
+            raise Refused("no timeout", f"timeout_s is {timeout_s}, not in 0 … {LONGEST_S:g}")
         for goal in command.goals:
             for field in _MOVING:
                 value = getattr(goal, field)
                 if value is None:
                     continue
                 self._held.pop((goal.id, field), None)
-                if value and holds_s is not None:
-                    self._held[goal.id, field] = _Held(now_ns + round(holds_s * 1e9))
+                if value and timeout_s is not None:
+                    self._held[goal.id, field] = _Held(now_ns + round(timeout_s * 1e9))
         self._look_ahead()
 
     def taken_back(self, now_ns: int) -> list[ServoGoal]:
