@@ -223,9 +223,10 @@ class BusCommand(Message, kw_only=True):
 
     Attributes:
         goals: Of one servo each.
-        timeout_s: For how long they hold, up to 3600: then, or when the gateway ends before, velocity,
-            current and PWM goals become 0, unless others have come for the same servo. So the robot
-            stops where what commands it has died. Absent: until there are others, as servos do it.
+        timeout_s: For how long they hold, up to 3600: then, or when the gateway ends before,
+            velocity, current and PWM goals become 0, unless others have come for the same servo. So
+            the robot stops where what commands it has died. Absent: until there are others, as
+            servos do it.
     """
 
     goals: list[ServoGoal]
