@@ -34,7 +34,8 @@ unit: $(VENV)/dev
 	$(BIN)/pytest -q -n auto --dist loadfile -m "not process"
 
 process: $(VENV)/dev
-	$(BIN)/pytest -q -m process
+	$(BIN)/pytest -q -n auto --dist loadfile -m "process and not alone"
+	$(BIN)/pytest -q -m "process and alone"
 
 bench: $(VENV)/dev
 	$(BIN)/python -m tests.bench

@@ -20,7 +20,7 @@ from wackel_schemas import keys
 from wackel_schemas.bus import BusCommand, BusRequest, ServoGoal
 from wackel_virtual.faults import KINDS
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.alone]
 
 SERVOS = 6
 

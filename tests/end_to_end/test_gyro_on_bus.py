@@ -14,7 +14,7 @@ from wackel_schemas import keys
 from wackel_schemas.drive import Odometry
 from wackel_schemas.virtual import Injection, VirtualRequest
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.alone]
 
 GYRO = "gyro/body"
 

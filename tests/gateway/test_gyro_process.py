@@ -24,7 +24,7 @@ from wackel_virtual.board import Board, boards
 from wackel_virtual.bus import VirtualBus
 from wackel_virtual.port import Ports
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.alone]
 
 GYROS = {
     "body": GyroConfig(

@@ -18,7 +18,7 @@ from wackel_node.precedence import may_come_first
 from wackel_schemas import keys
 from wackel_schemas.bus import BusRequest
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.alone]
 
 PRESENT_POSITION = (132, 4)
 LED = 65

@@ -13,7 +13,7 @@ from wackel_protocols.dynamixel2.packet import StatusPacket
 from wackel_schemas import keys
 from wackel_schemas.bus import BusRequest
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.alone]
 
 
 def test_a_tap_publishes_what_it_hears_and_writes_nothing(
