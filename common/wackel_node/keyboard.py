@@ -26,7 +26,7 @@ class Keyboard:
     def __enter__(self) -> Self:
         if self._fd >= 0:
             self._before = termios.tcgetattr(self._fd)
-            tty.setcbreak(self._fd)
+            tty.setcbreak(self._fd, termios.TCSANOW)  # the usual way drops keys typed before
         return self
 
     def __exit__(

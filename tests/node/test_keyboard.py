@@ -1,11 +1,14 @@
 """Keys from a real terminal."""
 
 import os
+import pty
 import sys
 
 import pytest
 
+from tests.conftest import wait_until
 from tests.terminal import on_terminal
+from wackel_node.keyboard import Keyboard
 
 pytestmark = pytest.mark.process
 
@@ -54,3 +57,13 @@ def test_keys_come_in_the_foreground_and_nobody_is_suspended(ground: str, job: s
         os.close(terminal)
         shell.kill()
         shell.wait()
+
+
+def test_a_key_typed_while_the_program_starts_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal, side = pty.openpty()
+    with os.fdopen(side) as stdin:
+        monkeypatch.setattr(sys, "stdin", stdin)
+        os.write(terminal, b"q")
+        with Keyboard() as keyboard:
+            wait_until(lambda: keyboard.typed() == "q", 2.0)
+    os.close(terminal)
