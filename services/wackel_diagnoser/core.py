@@ -253,7 +253,7 @@ class Diagnoser:
             needed=not calm,
         )
         if learning:
-            self._learn(measured, learnt_s, moving)
+            self._learn(measured, learnt_s, moving=moving, guessed=target.is_guessed)
         # A steering that shows something else than it is told would be taken for a wrong zero.
         if (
             not young
@@ -342,8 +342,15 @@ class Diagnoser:
         driven = stand(target.speed, measured.rolled, measured.present[rolls].tolist())
         return any(driven.values()) and not all(driven.values())
 
-    def _learn(self, measured: Measured, seconds: float, moving: bool) -> None:
-        """What residuals are like when nothing is wrong, and the gyros' bias."""
+    def _learn(self, measured: Measured, seconds: float, *, moving: bool, guessed: bool) -> None:
+        """What residuals are like when nothing is wrong, and the gyros' bias.
+
+        Args:
+            measured: The rows of a step.
+            seconds: For how much driving it stands.
+            moving: Whether the robot moves.
+            guessed: Whether variances are of lags that are not learnt: they tell nothing then.
+        """
         variance, loose, _ = measured.spread()
         covariance = self._bank.covariance()
         spread = measured.h.dot(covariance)
@@ -355,7 +362,7 @@ class Diagnoser:
         rolling, rolled = self._rows.rolling, np.array(measured.rolled)
         seen[rolling] &= self._small.follows * rolled * rolled < _HALF * variance[rolling]
         np.maximum(left, least, out=left)
-        if moving:
+        if moving and not guessed:
             squares = off * off / left
             # A step teaches of what its variance is mostly made of.
             scaling = self._scaling

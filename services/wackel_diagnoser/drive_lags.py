@@ -44,6 +44,7 @@ class DriveLags:
 
     Attributes:
         used_s: Lags of steering and of rolling, as learnt.
+        learnt: Whether they are; else they are what learning begins with.
     """
 
     def __init__(self, wheels: int, rolls: int) -> None:
@@ -60,6 +61,8 @@ class DriveLags:
         self._misses = np.zeros((2, len(LAGS_S)))
         self._slowed = np.zeros(len(LAGS_S))
         self._since_choice = 0.0
+        self._told_s = [0.0, 0.0]  # of driving that told of each
+        self.learnt = [False, False]
         self._pace, self._uneven = Pace(), 0.0  # of the last step, as a share
 
     def begin(self, state: list[float]) -> None:
@@ -80,7 +83,8 @@ class DriveLags:
         tried = self._state[headings]
         shown = np.array(heading)[:, None]
         np.copyto(tried, shown, where=np.isfinite(shown))
-        self._misses[0] = self._since_choice = 0.0
+        self._misses[0] = self._told_s[0] = self._since_choice = 0.0
+        self.learnt[0] = False
 
     def follow(self, goal: list[float], seconds: float, most: float) -> None:
         """A step has passed.
@@ -101,28 +105,28 @@ class DriveLags:
         """Learns from the last step that was followed.
 
         Args:
-            shown: Where drives were in the middle of it, as the state; NaN if not known.
+            shown: Where drives were in the middle of it, as the state; NaN if not known: the others
+                teach.
             learnt_s: For how much driving without a fault it stands.
             tells: Whether steerings tell of their lag, and drives: what misses are of one that has
                 arrived is how its encoder rounds.
             slowed: Whether wheels slow each other.
         """
-        values = np.array(shown)[:, None]
-        off = values - self._move()
+        values, middle = np.array(shown)[:, None], self._move()
+        off = np.where(np.isfinite(values), values - middle, 0.0)
         squares = np.minimum(off * off, 0.01)
         _, rolls = self._parts
-        squares[rolls] /= 1.0 + (self._uneven / UNEVEN_M_S * values[rolls]) ** 2
+        squares[rolls] /= 1.0 + (self._uneven / UNEVEN_M_S * np.nan_to_num(values[rolls])) ** 2
         fade = 1.0 - learnt_s / MEMORY_S
         added = self._kinds @ squares
-        known = math.isfinite(float(added.sum()))
         for kind, told in enumerate(tells):
-            if told:
+            if told and (teaches := added[kind]).any():
                 self._misses[kind] *= fade
-                if known:
-                    self._misses[kind] += added[kind]
+                self._misses[kind] += teaches
+                self._told_s[kind] += learnt_s
         if tells[1]:
             self._slowed *= fade
-            if known and slowed:
+            if slowed:
                 self._slowed += added[1]
         self._since_choice += learnt_s
 
@@ -146,6 +150,7 @@ class DriveLags:
                 state[part] = self._state[part, now].tolist()
             misses = self._misses[kind] - self._slowed if kind else self._misses[kind]
             self.used_s[kind] = _refined(misses, now)
+            self.learnt[kind] = self._told_s[kind] >= CHOOSE_S
         self._chosen = chosen
         return state
 

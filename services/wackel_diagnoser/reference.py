@@ -20,6 +20,18 @@ from wackel_schemas.drive import TwistCommand
 SETTLING_S = 0.15
 """A servo that turns as fast as it can takes longer than its lag: a quarter turn at 60 rev/min
 0.25 s."""
+PENDING = 0.15
+"""Share of what is still to come (command less reference) by which a reference may be off: a real
+drive is no first-order lag."""
+LAG = 0.2
+"""Share by which the lag of rolling may be another: those that are tried lie so far apart, and one
+that fits alike is kept."""
+PENDING_UNLEARNT = 1.0
+"""The first while the lag of steering is not learnt: all of it. Some robots drive straight on for
+long until they are steered for the first time."""
+LAG_UNLEARNT = 2.0
+"""The second while that of rolling is not: SETTLING_S is twice as much longer than where learning
+begins as that is long."""
 TELLS = 0.01
 """m/s and rad that a drive or a steering must still be off the command to tell of its lag; at rest,
 and at an even speed, nothing is learnt, and nothing forgotten."""
@@ -59,9 +71,13 @@ class Target(msgspec.Struct, frozen=True, gc=False):
         speed: Rolling speed of each roll row, m/s.
         speed_gap: How far that still was from the command, m/s, of each roll row.
         speed_late: Derivative of that by the logarithm of the lag: a tenth of it is by how much the
-            speed would be another if the drive lagged a tenth more or less.
+            speed would be another if the drive lagged a tenth more or less. Until the lag is
+            learnt, the same of a step up to SETTLING_S.
         goal: Commanded headings, on this side or half a turn round.
         twist: Commanded.
+        pending: Share of the first gap by which headings may be off: PENDING, and more if the lag
+            of steering is not learnt.
+        later: Share by which the lag of rolling may be another.
         known: Whether there is a command to follow.
     """
 
@@ -73,7 +89,15 @@ class Target(msgspec.Struct, frozen=True, gc=False):
     speed_late: list[float]
     goal: list[float]
     twist: Twist
+    pending: float = PENDING
+    later: float = LAG
     known: bool = True
+
+    @property
+    def is_guessed(self) -> bool:
+        """Whether drives may be on their way to their command with a lag that is not learnt."""
+        turns = self.pending > PENDING and max(self.heading_gap) > TELLS
+        return turns or self.later > LAG
 
 
 class Reference:
@@ -194,7 +218,8 @@ class Reference:
             self._learn(heading, step, learnt_s, (_tells(turns), _tells(hastens)))
         fade = math.exp(-dt / SETTLING_S)
         self._envelope = [*map(max, map(abs, turns), [fade * each for each in self._envelope])]
-        lags = dt / self._lags.used_s[1]
+        steering_learnt, rolling_learnt = self._lags.learnt
+        lags = dt / (self._lags.used_s[1] if rolling_learnt else SETTLING_S)
         fade = math.exp(-lags)
         late = self._late = [
             fade * (before + lags * now) for before, now in zip(self._late, hastens, strict=True)
@@ -213,6 +238,8 @@ class Reference:
             [*map(abs, late)],
             goal[:n],
             self._twist,
+            PENDING if steering_learnt else PENDING_UNLEARNT,
+            LAG if rolling_learnt else LAG_UNLEARNT,
         )
 
     def _may_have_turned_round(self, before: list[float]) -> bool:

@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from wackel_diagnoser.pace import Pace
-from wackel_diagnoser.reference import Target
+from wackel_diagnoser.reference import PENDING, Target
 from wackel_diagnoser.transients import Untold
 from wackel_diagnoser.tyres import Tyres
 from wackel_drive.alignment import UNCERTAIN_S, Step
@@ -33,12 +33,6 @@ STEERING_LAG_S = 0.003
 """s by which steering and rolling of one step may belong to different times."""
 FOLLOWS = 0.003
 """Share, and rad, by which a drive and a steering that follow may stay off their references."""
-PENDING = 0.15
-"""Share of what is still to come (command less reference) by which a reference may be off: a real
-drive is no first-order lag."""
-LAG = 0.2
-"""Share by which the lag of rolling may be another: those that are tried lie so far apart, and one
-that fits alike is kept."""
 SHARED = 0.4
 """A wheel's slip by the mean slip that references force on all wheels: friction passes it on."""
 DROOP_M_S = 0.03
@@ -326,10 +320,7 @@ class Rows:
         whole = math.isfinite(sum(stands) + sum(lag) + sum(rolled) + sum(turning))
         if target.known:
             told, speeds = target.heading, target.speed
-            # Wheels follow what they are told as late as what encoders show.
-            aimed, turned = self._mounted.copy(), target.turned
-            for i in steered:
-                aimed[i] = told[i] + zeros[i] - late * turned[i]
+            aimed = self._aimed(target, late, stands)
             off = [heading[i] - told[i] for i in steered]
             rows = drive.known_rows(stands, aimed) if whole else _any_rows(drive, stands, aimed)
             forced, mean, made = self._tyres.slip(rows[1], speeds)
@@ -387,9 +378,9 @@ class Rows:
                             JERK * each + uneven * abs(rate) + late_yaw
                             for each, rate in zip(changed, turning, strict=True)
                         ],
-                        *map(add, [PENDING * gaps[i] for i in steered], lag),
+                        *map(add, [target.pending * gaps[i] for i in steered], lag),
                         *[
-                            max(PENDING * gap, LAG * late) + uneven * speed
+                            max(PENDING * gap, target.later * late) + uneven * speed
                             for gap, late, speed in zip(
                                 target.speed_gap, target.speed_late, shown, strict=True
                             )
@@ -421,6 +412,23 @@ class Rows:
             followed,
             turning_rolls,
         )
+
+    def _aimed(self, target: Target, late: float, stands: list[float]) -> list[float]:
+        """Where wheels really point if they follow what they are told, rad.
+
+        Args:
+            target: What they should have done.
+            late: By how many steps what encoders show is late; wheels follow as late.
+            stands: Where they show to point, which is known better while lags are not learnt; NaN
+                if unknown.
+        """
+        told, turned, zeros = target.heading, target.turned, self._zeros
+        aimed = self._mounted.copy()
+        for i in self._steered:
+            aimed[i] = told[i] + zeros[i] - late * turned[i]
+        if target.pending > PENDING:
+            aimed = [*map(_first_known, stands, aimed)]
+        return aimed
 
     def _yielded(self, speeds: list[float], currents: list[float], dt: float) -> list[float]:
         """By how much each drive is usually faster than it should, m/s."""
@@ -525,6 +533,10 @@ class Rows:
 def _known(values: list[float]) -> list[float]:
     """0 in place of what is not known."""
     return [each if math.isfinite(each) else 0.0 for each in values]
+
+
+def _first_known(value: float, other: float) -> float:
+    return value if math.isfinite(value) else other
 
 
 def _any_rows(drive: Drive, *headings: Sequence[float]) -> Floats:

@@ -57,9 +57,25 @@ def test_what_is_not_known_teaches_nothing() -> None:
     before = list(lags.used_s)
     for _ in range(1000):
         lags.follow([1.0, 1.0], STEP_S, MOST_RAD)
-        lags.learn([math.nan, 1.0], STEP_S, BOTH, slowed=False)
+        lags.learn([math.nan, math.nan], STEP_S, BOTH, slowed=False)
         assert lags.choose([0.0, 0.0]) == [0.0, 0.0]
     assert lags.used_s == before
+    assert lags.learnt == [False, False]
+
+
+def test_servos_that_are_heard_teach_for_those_that_are_not() -> None:
+    lags, lag_s, at = DriveLags(2, 1), 0.1, 0.0
+    lags.begin([at, at, 0.0])
+    for step in range(400):
+        begin, goal = at, 0.3 * (-1) ** (step // 37)
+        at += (at - goal) * math.expm1(-STEP_S / lag_s)
+        lags.follow([goal, goal, 0.0], STEP_S, math.inf)
+        middle = goal - lag_s / STEP_S * (at - begin)
+        lags.learn([math.nan, middle, math.nan], STEP_S, BOTH, slowed=False)
+        lags.choose([at, at, 0.0])
+    steering_s, _ = lags.used_s
+    assert steering_s == pytest.approx(lag_s, rel=0.05)
+    assert lags.learnt == [True, False]
 
 
 def test_a_steering_that_is_not_known_does_not_begin_anew_and_is_learnt_even_so() -> None:

@@ -10,6 +10,8 @@ import pytest
 from tests.diagnoser.driving import DRIVING, course
 from tests.diagnoser.fleet import COMPLAINTS, Member
 from tests.diagnoser.rig import Rig
+from tests.odometry.simulation import other_drives, steered_drive
+from wackel_node.config_drive import DriveConfig
 from wackel_schemas import component
 from wackel_schemas.fault import FaultReport
 from wackel_virtual.build import Build
@@ -52,6 +54,63 @@ def test_servos_of_any_lag_are_sound_though_commands_jump(lag_s: float, number: 
     assert steering == pytest.approx(lag_s, rel=0.05, abs=0.0013)
     # Drives give way to the robot's mass, which looks like a lag of up to 10 ms.
     assert 0.0 < rolling - lag_s < 0.01
+
+
+def _steered_late(drive: DriveConfig, *faults: tuple[str, str]) -> Rig:
+    """A robot that turns for the first time after a long way straight on; faults, kind and wheel,
+    begin just before."""
+    rig = Rig.of("tune/first turn", drive, build=Build(lag_s=0.12), shown=False)
+    way, turn = np.array([0.5, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    for share in np.linspace(0.0, 1.0, 100):
+        rig.cycle(share * way)
+    rig.drive(4.0, way)
+    for share in np.linspace(1.0, 0.0, 100):
+        rig.cycle(share * way)
+    rig.drive(0.5, np.zeros(3))
+    for kind, wheel in faults:
+        rig.inject(kind, wheel)
+    for share in np.linspace(0.0, 1.0, 50):
+        rig.cycle(share * turn)
+    rig.drive(1.0, turn)
+    return rig
+
+
+STEERED_LATE = pytest.mark.parametrize(
+    "drive", [steered_drive(4), other_drives()["ackermann"]], ids=["4 steered", "ackermann"]
+)
+
+
+@STEERED_LATE
+def test_steerings_whose_lag_nobody_knows_yet_are_sound(drive: DriveConfig) -> None:
+    assert _steered_late(drive).reports == []
+
+
+@STEERED_LATE
+@pytest.mark.parametrize("kind", ["steering_blocked", "steering_sensor_stuck"])
+def test_of_these_one_that_fails_is_told_in_its_first_turn(drive: DriveConfig, kind: str) -> None:
+    rig = _steered_late(drive, (kind, drive.wheels[0].name))
+    assert {report.component for report in rig.reports} == {
+        component.wheel_steering(drive.wheels[0].name)
+    }
+
+
+@pytest.mark.parametrize(
+    "way",
+    [
+        [(0.2, 0.0, 0.0), (0.4, 0.0, 0.0), (0.0, 0.0, 0.0)],
+        [(0.05, 0.3, 0.0), (0.3, 0.0, 0.0), (0.0, 0.3, 0.0)],
+    ],
+    ids=["ahead", "sideways"],
+)
+def test_drives_whose_lag_nobody_knows_yet_are_sound(way: list[tuple[float, ...]]) -> None:
+    """In its first seconds there are few commands, all of which jump: that is not much to learn
+    from, and what is off meanwhile is not how much such a robot is usually off."""
+    drive = other_drives()["mecanum"]
+    rig = Rig.of("tune/first jumps", drive, build=Build(lag_s=0.12), shown=False)
+    rig.drive(1.0, np.zeros(3))
+    for twist in way:
+        rig.drive(2.1, np.array(twist))
+    assert rig.reports == []
 
 
 def test_states_that_are_stamped_late_are_no_fault_of_steerings() -> None:

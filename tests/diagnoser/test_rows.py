@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from tests.diagnoser.rig import Rig
 from tests.odometry.simulation import differential_drive, other_drives, steered_drive
 from wackel_diagnoser.constants import Constants, Shown
-from wackel_diagnoser.reference import Reference
+from wackel_diagnoser.reference import LAG, PENDING, Reference
 from wackel_diagnoser.rows import Following, Measured, Rows
 from wackel_diagnoser.tyres import HOLDS_M_S2
 from wackel_drive.alignment import Step
@@ -46,9 +46,11 @@ class Moving:
         load: float = 0.0,
         yaw: float = 0.01,
         stands: float = 0.0,
+        learnt: bool = True,
     ) -> Shown:
         """The next step; ``lost``: the wheel that has not been heard of; ``load``: of the first
-        motor; ``yaw``: what the gyro shows; ``stands``: where all wheels do, rad."""
+        motor; ``yaw``: what the gyro shows; ``stands``: where all wheels do, rad; ``learnt``:
+        whether lags are."""
         drive = self.layout.drive
         heading = np.where(drive.steers, stands, np.nan)
         steered = np.where(drive.steers, 0.0, np.nan)
@@ -59,6 +61,9 @@ class Moving:
         each = heading.tolist(), steered.tolist(), rate.tolist()
         step = Step(begin, self._end, STEP_S, *each, [yaw])
         target = self.reference.step(step, 0.0)
+        assert target.later > LAG or not target.known
+        if learnt:
+            target = replace(target, pending=PENDING, later=LAG)
         currents = [load, *[0.0] * (len(drive.roll_wheels) - 1)]
         measured = self.rows.measure(step, target, np.zeros(1), currents)
         return Shown(step, target, measured, np.zeros(1), currents, LAG_S)
@@ -94,11 +99,12 @@ def test_without_a_command_only_references_are_missing(config: DriveConfig) -> N
     assert moving.shown().measured.present.all()
 
 
-def test_a_servo_that_is_not_heard_takes_its_own_rows_with_it() -> None:
+@pytest.mark.parametrize("learnt", [True, False])
+def test_a_servo_that_is_not_heard_takes_its_own_rows_with_it(learnt: bool) -> None:
     moving = Moving(steered_drive(4))
     moving.command()
-    moving.shown()
-    measured = moving.shown(lost=2).measured
+    moving.shown(learnt=learnt)
+    measured = moving.shown(lost=2, learnt=learnt).measured
     assert sound(measured)
     kinds = ("slide", "roll", "steering", "rolling")
     assert missing(moving.rows, measured) == {f"wheel/w2/{kind}" for kind in kinds}
