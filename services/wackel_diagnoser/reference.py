@@ -75,9 +75,9 @@ class Target(msgspec.Struct, frozen=True, gc=False):
             learnt, the same of a step up to SETTLING_S.
         goal: Commanded headings, on this side or half a turn round.
         twist: Commanded.
-        pending: Share of the first gap by which headings may be off: PENDING, and more if the lag
+        pending_share: Of the first gap, by which headings may be off: PENDING, and more if the lag
             of steering is not learnt.
-        later: Share by which the lag of rolling may be another.
+        lag_share: By which the lag of rolling may be another: LAG, and more if it is not learnt.
         known: Whether there is a command to follow.
     """
 
@@ -89,15 +89,17 @@ class Target(msgspec.Struct, frozen=True, gc=False):
     speed_late: list[float]
     goal: list[float]
     twist: Twist
-    pending: float = PENDING
-    later: float = LAG
+    pending_share: float = PENDING
+    lag_share: float = LAG
     known: bool = True
 
     @property
     def is_guessed(self) -> bool:
-        """Whether drives may be on their way to their command with a lag that is not learnt."""
-        turns = self.pending > PENDING and max(self.heading_gap) > TELLS
-        return turns or self.later > LAG
+        """Whether drives are on their way to their command with a lag that is not learnt; not so
+        where commands change too little to tell of it."""
+        turns = self.pending_share > PENDING and max(self.heading_gap) > TELLS
+        hastens = self.lag_share > LAG and max(self.speed_late, default=0.0) > TELLS
+        return turns or hastens
 
 
 class Reference:

@@ -378,9 +378,9 @@ class Rows:
                             JERK * each + uneven * abs(rate) + late_yaw
                             for each, rate in zip(changed, turning, strict=True)
                         ],
-                        *map(add, [target.pending * gaps[i] for i in steered], lag),
+                        *map(add, [target.pending_share * gaps[i] for i in steered], lag),
                         *[
-                            max(PENDING * gap, target.later * late) + uneven * speed
+                            max(PENDING * gap, target.lag_share * late) + uneven * speed
                             for gap, late, speed in zip(
                                 target.speed_gap, target.speed_late, shown, strict=True
                             )
@@ -426,7 +426,7 @@ class Rows:
         aimed = self._mounted.copy()
         for i in self._steered:
             aimed[i] = told[i] + zeros[i] - late * turned[i]
-        if target.pending > PENDING:
+        if target.pending_share > PENDING:
             aimed = [*map(_first_known, stands, aimed)]
         return aimed
 

@@ -113,6 +113,19 @@ def test_drives_whose_lag_nobody_knows_yet_are_sound(way: list[tuple[float, ...]
     assert rig.reports == []
 
 
+def test_a_robot_that_never_shows_its_lags_is_watched_as_closely_as_another() -> None:
+    """It changes its speed too gently; what its sensors are like it shows even so."""
+    rig = Rig.of("tune/gentle", 4, shown=False)
+    faster, way = np.linspace(0.0, 1.0, 300), np.array([0.4, 0.0, 0.0])
+    for share in (*faster, *faster[::-1], *faster, *faster[::-1], *faster):
+        rig.cycle(share * way)
+    rig.inject("gyro_offset", value=0.05)
+    begin_ns = rig.now_ns
+    rig.drive(1.0, way)
+    assert [report.code for report in rig.reports] == ["gyro_deviates"]
+    assert rig.reports[0].stamp - begin_ns < 200_000_000
+
+
 def test_states_that_are_stamped_late_are_no_fault_of_steerings() -> None:
     """In every tenth, by up to 2 ms; all seem to turn faster in one step than steerings can."""
     rig, random = Rig.of("tune/late/5", 4, shown=False), Random("late/5")

@@ -61,9 +61,9 @@ class Moving:
         each = heading.tolist(), steered.tolist(), rate.tolist()
         step = Step(begin, self._end, STEP_S, *each, [yaw])
         target = self.reference.step(step, 0.0)
-        assert target.later > LAG or not target.known
+        assert target.lag_share > LAG or not target.known
         if learnt:
-            target = replace(target, pending=PENDING, later=LAG)
+            target = replace(target, pending_share=PENDING, lag_share=LAG)
         currents = [load, *[0.0] * (len(drive.roll_wheels) - 1)]
         measured = self.rows.measure(step, target, np.zeros(1), currents)
         return Shown(step, target, measured, np.zeros(1), currents, LAG_S)
