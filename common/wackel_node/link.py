@@ -201,8 +201,19 @@ class Link:
 
     def robots(self) -> set[str]:
         """Names of all robots whose services meet at this rendezvous."""
-        tokens = self.session.liveliness().get(f"{ROOT}/*/alive/*/*", timeout=_TOKENS_S)
-        return {str(reply.ok.key_expr).split("/")[1] for reply in tokens if reply.ok is not None}
+        found: set[str] = set()
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.PUT:
+                found.add(str(sample.key_expr).split("/")[1])
+
+        # A `get` may come back empty while two peers are linking; this hears what follows, too.
+        watch = self.session.liveliness().declare_subscriber(
+            f"{ROOT}/*/alive/*/*", Callback(on_sample, indirect=False), history=True
+        )
+        time.sleep(_TOKENS_S)
+        watch.undeclare()  # type: ignore[no-untyped-call]
+        return found
 
     def unanswered(self, who: str, command: str = "`wackel up`") -> NotReached:
         """The error that one of the robot's services does not answer, with what to do about it.
