@@ -82,12 +82,11 @@ class Constants:
             as all slip, their readings agree. In another direction they turn it otherwise.
         off: By how much each drive is faster than its reference, as a share.
         gives_way: By how much drives are slower for what they push, m/s by A.
-        late: By how much they are later than :attr:`drive_lag_s`, s, which pushing would explain,
-            too.
+        late: By how much they are later than their commands, s, which pushing would explain, too.
+            Before driving it is the lag with which references follow them.
         stands: By how much each steering stands left of its reference, rad.
         kinds: Parameters of which the noise is of the same kind.
         prior: One over the variance of each before driving, shape (P,).
-        drive_lag_s: From which lags of drives count: references take another from time to time.
     """
 
     def __init__(
@@ -129,7 +128,6 @@ class Constants:
             )
         )
         self.prior: Floats = sigma**-2
-        self.drive_lag_s = 0.0
         self._slide_wheels = slides
         # Where what is of single numbers stands among those of a block.
         ends = np.cumsum([0, 1, 1, len(slides), len(rolls), len(rolls), len(rolls)])
@@ -171,7 +169,10 @@ class Constants:
         h = mean([each.h for each in measured]).reshape(*z.shape, 3)
         causes, bent = self._caused(blocks, z)
 
-        loose = [block[len(block) // 2].measured.spread().loose for block in blocks]
+        # The middle of a block knows nothing of a command that changes in its second half.
+        middle = [block[len(block) // 2].measured.spread().loose for block in blocks]
+        last = [block[-1].measured.spread().loose for block in blocks]
+        loose = np.maximum(middle, last)
         variance = self._noise + self._longer * loose
         on_twist = variance[:, : rows.gyros.stop]
         on_twist += bent[:, None]
@@ -214,7 +215,7 @@ class Constants:
         sliding, turning, off = seen[:, rows.slides], seen[:, rows.gyros], seen[:, rows.rolling]
         sliding += rows.lag_s * lag
         turning += [block[len(block) // 2].bias for block in blocks]
-        off += yielded - (drive_lag_s - self.drive_lag_s) * faster
+        off += yielded - drive_lag_s * faster
         by_row[:, self._own_direction] = -own
         by_row[:, self._own_scale] = rolled
         by_row[:, self._own_off] = rolled - off

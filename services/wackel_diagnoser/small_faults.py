@@ -157,6 +157,7 @@ class SmallFaults:
         creeping[constants.gyro] = (YAWING / layout.drive.length_m) ** 2
         self._creeping: Floats = np.diag(creeping)
         self._prior = np.diag(constants.prior)
+        self._presumed = np.zeros(constants.count)  # right side of that
         self._drives = drives = slice(constants.off.start, constants.stands.start)
         self._drives_prior = self._prior[drives, drives].copy()
         self._drives_prior[constants.gives_way - drives.start] *= TINY
@@ -210,9 +211,9 @@ class SmallFaults:
         self._crept += shown.measured.creep * self._block_s
         self._block, self._block_s = [], 0.0
         if self._look_s >= LOOK_S:
-            if not self._driven:
-                # Nothing is known yet that counts from it.
-                self._constants.drive_lag_s = shown.drive_lag_s
+            # Without driving, no more is known of it; references take another from time to time.
+            late = self._constants.late
+            self._presumed[late] = self._prior[late, late] * shown.drive_lag_s
             # Of all its blocks at once: numpy takes long to be called.
             told = self._constants.equations(self._blocks)
             seconds, creep = self._look_s, self._crept / self._look_s
@@ -228,7 +229,7 @@ class SmallFaults:
         constants, usual = self._constants, self._usual.tolist()
         off = usual[constants.off.start : constants.off.stop]
         gives_way = usual[constants.gives_way]
-        late_s = usual[constants.late] + constants.drive_lag_s - drive_lag_s
+        late_s = usual[constants.late] - drive_lag_s
         self.following = Following(off, gives_way, late_s)
 
     def _begun(self, twist: list[float]) -> float:
@@ -258,7 +259,7 @@ class SmallFaults:
         normal, scaling = self._normal, self._scaling
         known = normal / (1.0 + self._forced_slip(normal, self._usual) / self._motions)[:, None]
         covariance: Floats = np.asarray(np.linalg.inv(known[:, :-1] + self._prior))
-        usual = self._usual = covariance @ known[:, -1]
+        usual = self._usual = covariance @ (known[:, -1] + self._presumed)
         at = self._constants.gives_way
         if usual[at] < 0.0:
             # No drive runs ahead of its load: with none that gives way, the rest is otherwise, too.

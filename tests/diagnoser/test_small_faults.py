@@ -211,6 +211,23 @@ def test_of_how_drives_follow_nothing_is_left_but_what_encoders_round() -> None:
     assert np.std(misses) < 1.15 * rounds
 
 
+@pytest.mark.parametrize(("number", "lag_s"), [(3, 0.06), (7, 0.04)])
+def test_commands_that_jump_teach_how_drives_give_way(number: int, lag_s: float) -> None:
+    """What is missed right after a jump is not taken for what a minute of even motion tells."""
+    build = Build(lag_s=lag_s)
+    rig = Rig.of(f"tune/late/{number}", 3, driving="jumps", build=build)
+    rig.drive(30.0)
+    following = rig.diagnoser._rows.following
+    assert following.gives_way == pytest.approx(build.droop_m_s / build.grip_A, rel=0.1)
+
+
+def test_a_jump_between_two_blocks_does_not_make_drives_seem_late_for_good() -> None:
+    """One whose drives lag 0.02 s. Each stop from an even motion then missed what was expected."""
+    rig = Member.of("03e3888f1aeb066d", 568).rig()
+    rig.drive(84.0)
+    assert [report for report in rig.reports if report.code not in COMPLAINTS] == []
+
+
 @pytest.mark.parametrize("number", [0, 54])
 def test_drives_that_give_way_are_no_fault_on_the_next_circle(number: int) -> None:
     """One even motion does not show how much they do; on the next, wheels pull them otherwise."""
