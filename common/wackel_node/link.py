@@ -36,6 +36,7 @@ R = TypeVar("R", bound=Message)
 
 _MOST_TOLD = 200  # characters of a refusal
 _WARN_EVERY_S = 60.0
+_TOKENS = "alive/*/*"  # below a robot's name
 _TOKENS_S = 0.3  # what is alive at a rendezvous is told at once; this is a hundred times that
 # Strangers may write on any key: what is remembered of each ends here.
 _MAX_KEYS = 1024
@@ -172,48 +173,25 @@ class Link:
         """
         prefix = len(self._prefix) + len("alive/")
 
-        def deliver(item: tuple[str, bool]) -> None:
+        def deliver(key: str, alive: bool) -> None:
+            name = key[prefix:]
             try:
-                handler(*item)
+                handler(name, alive)
             except wire.Rejected as error:
-                self._refuse(f"alive/{item[0]}", str(error))
+                self._refuse(f"alive/{name}", str(error))
 
-        inbox = self._inbox("all", deliver)
-
-        def on_sample(sample: zenoh.Sample) -> None:
-            inbox.add((str(sample.key_expr)[prefix:], sample.kind == zenoh.SampleKind.PUT))
-
-        self._entities.append(
-            self.session.liveliness().declare_subscriber(
-                self._prefix + "alive/*/*", Callback(on_sample, indirect=False), history=True
-            )
-        )
+        self._watch_tokens(self._prefix + _TOKENS, deliver)
 
     def alive(self) -> set[str]:
         """Which services are there now, as ``<service>/<instance>``; what comes meanwhile is
         handled, as by :meth:`pump`."""
-        there: set[str] = set()
-        self.watch_alive(lambda name, alive: there.add(name) if alive else None)
-        limit = time.monotonic() + _TOKENS_S
-        while (left_s := limit - time.monotonic()) > 0:
-            self.pump(left_s)
-        return there
+        prefix = len(self._prefix) + len("alive/")
+        return {key[prefix:] for key in self._tokens(self._prefix + _TOKENS)}
 
     def robots(self) -> set[str]:
-        """Names of all robots whose services meet at this rendezvous."""
-        found: set[str] = set()
-
-        def on_sample(sample: zenoh.Sample) -> None:
-            if sample.kind == zenoh.SampleKind.PUT:
-                found.add(str(sample.key_expr).split("/")[1])
-
-        # A `get` may come back empty while two peers are linking; this hears what follows, too.
-        watch = self.session.liveliness().declare_subscriber(
-            f"{ROOT}/*/alive/*/*", Callback(on_sample, indirect=False), history=True
-        )
-        time.sleep(_TOKENS_S)
-        watch.undeclare()  # type: ignore[no-untyped-call]
-        return found
+        """Names of all robots whose services meet at this rendezvous; what comes meanwhile is
+        handled, as by :meth:`pump`."""
+        return {key.split("/")[1] for key in self._tokens(f"{ROOT}/*/{_TOKENS}")}
 
     def unanswered(self, who: str, command: str = "`wackel up`") -> NotReached:
         """The error that one of the robot's services does not answer, with what to do about it.
@@ -389,6 +367,31 @@ class Link:
     def wake(self) -> None:
         """Makes a waiting :meth:`pump` return soon; safe from signal handlers and threads."""
         self._wake.put(True)
+
+    def _watch_tokens(self, expression: str, handler: Callable[[str, bool], None]) -> None:
+        """Calls ``handler(key, alive)`` from :meth:`pump` for those there are, and as they change.
+
+        Unlike the answer to a ``get``, which may be empty while two peers are linking.
+        """
+        inbox = self._inbox("all", lambda item: handler(*item))
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            inbox.add((str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT))
+
+        self._entities.append(
+            self.session.liveliness().declare_subscriber(
+                expression, Callback(on_sample, indirect=False), history=True
+            )
+        )
+
+    def _tokens(self, expression: str) -> set[str]:
+        """Keys of those there are now; what comes meanwhile is handled."""
+        there: set[str] = set()
+        self._watch_tokens(expression, lambda key, alive: there.add(key) if alive else None)
+        limit = time.monotonic() + _TOKENS_S
+        while (left_s := limit - time.monotonic()) > 0:
+            self.pump(left_s)
+        return there
 
     def _inbox(
         self, keep: str, deliver: Callable[[Any], None], came: Callable[[], None] | None = None
