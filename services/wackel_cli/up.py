@@ -265,13 +265,20 @@ def stopped_by_signals(link: Link) -> Iterator[Callable[[], bool]]:
 def show_text(name: str, event: str, detail: str) -> None:
     """One line for people."""
     line = f"{time.strftime('%H:%M:%S')}  {name:<18}{event:<10}{detail}".rstrip()
-    print(printable(line), flush=True)  # what health and services say comes from the network
+    _put(printable(line))  # what health and services say comes from the network
 
 
 def show_json(name: str, event: str, detail: str) -> None:
     """One line for programs: ``stamp`` (UTC ns), ``name``, ``event``, ``detail``."""
     line = {"stamp": time.time_ns(), "name": name, "event": event, "detail": detail}
-    print(json.dumps(line), flush=True)
+    _put(json.dumps(line))
+
+
+def _put(line: str) -> None:
+    # With its end in one write: the services write to the same place, and where Python does not
+    # buffer (PYTHONUNBUFFERED) print() would leave them a gap before the end.
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """``wackel up``: what it starts, restarts, shows, and leaves behind (nothing)."""
 
 import contextlib
+import io
 import json
 import math
 import os
@@ -29,7 +30,7 @@ from wackel_cli.supervisor import (
     Job,
     Supervisor,
 )
-from wackel_cli.up import is_news, rendezvous, robot_jobs, show_text
+from wackel_cli.up import is_news, rendezvous, robot_jobs, show_json, show_text
 from wackel_node.config import BusConfig, RecorderConfig, RobotConfig, ZenohConfig, dump
 from wackel_node.config_drive import GyroConfig
 from wackel_node.link import Link
@@ -95,6 +96,29 @@ def test_text_from_the_network_cannot_steer_the_terminal(
     assert capsys.readouterr().out.endswith(
         "a\N{REPLACEMENT CHARACTER}[2J\N{REPLACEMENT CHARACTER}b\n"
     )
+
+
+class Writes(io.StringIO):
+    """Keeps each write apart, as a file does where Python does not buffer."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.seen: list[str] = []
+
+    def write(self, text: str) -> int:
+        self.seen.append(text)
+        return len(text)
+
+
+@pytest.mark.parametrize("show", [show_text, show_json])
+def test_nothing_gets_between_a_line_and_its_end(
+    show: Callable[[str, str, str], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    output = Writes()
+    monkeypatch.setattr(sys, "stdout", output)
+    show("health", "ok", "All well")
+    (line,) = output.seen
+    assert line.endswith("\n")
 
 
 def test_an_address_that_cannot_be_listened_at_is_told_as_such() -> None:
