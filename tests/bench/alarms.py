@@ -108,7 +108,7 @@ def drive(hours: float, path: Path = KEPT) -> list[Driven]:
     driven = known(path, code)
     jobs = [(code, number) for number in _needed(hours, code, driven)]
     with (
-        multiprocessing.get_context("spawn").Pool(os.cpu_count(), _prepare) as pool,
+        multiprocessing.get_context("spawn").Pool(os.cpu_count(), prepare) as pool,
         Progress(console=Console(stderr=True), transient=True) as progress,
     ):
         try:
@@ -192,7 +192,7 @@ def _rates(driven: list[Driven], worse: float) -> list[str]:
     return [*shown, f"{alarms / hours:.3f}", f"{gammaincinv(alarms + 1, 0.95) / hours:.3f}"]
 
 
-def _prepare() -> None:
+def prepare() -> None:
     """A process that drives robots; Ctrl-C is for the one that keeps what became of them."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     collect_rarely()  # as the service does

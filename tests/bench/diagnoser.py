@@ -9,7 +9,8 @@ Named: at the end of the run the faulty components, and no others, are reported.
 right kind, sensor or actuator, or the right row of the paper's table 1; of a steering half a degree
 off it is right to say that this motion does not tell. Times count from the fault, whether it could
 show by then or not; what is a share of a wheel's speed is watched until that has been told to roll.
-The paper: the component that its Steps I to IV name most often in the same run.
+The paper: the component that its Steps I to IV name most often in the same run. A row that is near
+its aim takes more robots: :mod:`tests.bench.one_kind`.
 """
 
 # ruff: noqa: E402
@@ -570,8 +571,8 @@ def _faults_table(robots: list[Robot], wheels: int, title: str) -> Table:
         shown.add_column(heading, justify="left" if heading == "fault" else "right")
     for number, kind in enumerate(KINDS):
         rows = [row for robot in robots for row in robot.outcomes if row.kind == number]
-        median, late = _quantiles([row.first_s for row in rows])
-        after, late_after = _quantiles([row.after_s for row in rows])
+        median, late = quantiles([row.first_s for row in rows])
+        after, late_after = quantiles([row.after_s for row in rows])
         named = sum(row.named for row in rows) / len(rows)
         aim = kind.aim(wheels)
         met = (
@@ -657,7 +658,7 @@ def _totals(robots: list[Robot], wheels: int) -> list[list[str]]:
     return shown
 
 
-def _quantiles(times: list[float | None]) -> tuple[float, float]:
+def quantiles(times: list[float | None]) -> tuple[float, float]:
     """Median and 95 %, s; what was not seen took for ever."""
     ordered = sorted(math.inf if each is None else each for each in times)
     return ordered[(len(ordered) - 1) // 2], ordered[math.ceil(0.95 * len(ordered)) - 1]
