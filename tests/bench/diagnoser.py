@@ -561,39 +561,56 @@ def run(
     return tables
 
 
-def _faults_table(robots: list[Robot], wheels: int, title: str) -> Table:
-    title = f"Diagnoser: {wheels} steered wheels, {title}, {len(robots)} robots"
+def fault_columns(title: str) -> Table:
+    """An empty table of kinds of faults."""
     shown = Table(title=title, title_justify="left")
     for heading in (
         "fault", "seen %", "first right %", "named %", "kind %", "p50 s", "p95 s",
         "after p50 s", "after p95 s", "paper: named %", "paper: kind %", "met",
     ):  # fmt: skip
         shown.add_column(heading, justify="left" if heading == "fault" else "right")
+    return shown
+
+
+def fault_row(kind: Kind, rows: list[Outcome], wheels: int) -> list[str]:
+    """Its line in the table.
+
+    Args:
+        kind: Of fault.
+        rows: What became of it, at least one.
+        wheels: Of the robots.
+    """
+    median, late = _quantiles([row.first_s for row in rows])
+    after, late_after = _quantiles([row.after_s for row in rows])
+    named = sum(row.named for row in rows) / len(rows)
+    aim = kind.aim(wheels)
+    met = (
+        named >= aim
+        and (not kind.first_s or median <= kind.first_s)
+        and (not kind.after_s or after <= kind.after_s)
+    )
+    return [
+        kind.name,
+        _share([row.first_s is not None for row in rows]),
+        _share([row.first for row in rows]),
+        _share([row.named for row in rows]),
+        _share([row.code for row in rows]),
+        f"{median:.2f}",
+        f"{late:.2f}",
+        f"{after:.2f}" if kind.after_s else "",
+        f"{late_after:.2f}" if kind.after_s else "",
+        _share([row.by_paper for row in rows]),
+        _share([row.by_paper_kind for row in rows]) if kind.fault else "",
+        {True: "[green]yes", False: "[red]NO"}[met] if aim else kind.untold and "cannot",
+    ]
+
+
+def _faults_table(robots: list[Robot], wheels: int, title: str) -> Table:
+    title = f"Diagnoser: {wheels} steered wheels, {title}, {len(robots)} robots"
+    shown = fault_columns(title)
     for number, kind in enumerate(KINDS):
         rows = [row for robot in robots for row in robot.outcomes if row.kind == number]
-        median, late = quantiles([row.first_s for row in rows])
-        after, late_after = quantiles([row.after_s for row in rows])
-        named = sum(row.named for row in rows) / len(rows)
-        aim = kind.aim(wheels)
-        met = (
-            named >= aim
-            and (not kind.first_s or median <= kind.first_s)
-            and (not kind.after_s or after <= kind.after_s)
-        )
-        shown.add_row(
-            kind.name,
-            _share([row.first_s is not None for row in rows]),
-            _share([row.first for row in rows]),
-            _share([row.named for row in rows]),
-            _share([row.code for row in rows]),
-            f"{median:.2f}",
-            f"{late:.2f}",
-            f"{after:.2f}" if kind.after_s else "",
-            f"{late_after:.2f}" if kind.after_s else "",
-            _share([row.by_paper for row in rows]),
-            _share([row.by_paper_kind for row in rows]) if kind.fault else "",
-            {True: "[green]yes", False: "[red]NO"}[met] if aim else kind.untold and "cannot",
-        )
+        shown.add_row(*fault_row(kind, rows, wheels))
     shown.add_section()
     for row in _totals(robots, wheels):
         shown.add_row(*row)
@@ -658,7 +675,7 @@ def _totals(robots: list[Robot], wheels: int) -> list[list[str]]:
     return shown
 
 
-def quantiles(times: list[float | None]) -> tuple[float, float]:
+def _quantiles(times: list[float | None]) -> tuple[float, float]:
     """Median and 95 %, s; what was not seen took for ever."""
     ordered = sorted(math.inf if each is None else each for each in times)
     return ordered[(len(ordered) - 1) // 2], ordered[math.ceil(0.95 * len(ordered)) - 1]
