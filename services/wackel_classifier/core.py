@@ -144,7 +144,8 @@ class BusClassifier:
         elif self._goals_due and instruction[PREFIX_BYTES : PREFIX_BYTES + 1] == _SYNC_WRITE:
             self._goals_due = not self._frozen.command(instruction)
         if transaction.host_lag_ns >= SPOILS_NS:
-            self._timing.host.overslept(transaction.host_lag_ns, self._now_ns, stamp)
+            lag_ns, host = transaction.host_lag_ns, self._timing.host
+            host.overslept(lag_ns, self._now_ns, stamp, many=request.many)
             quiet = quiet and transaction.host_lag_ns < LATE_NS
         if self._now_ns >= self._slot_end_ns:
             self._end_slot()

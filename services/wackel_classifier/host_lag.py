@@ -2,17 +2,15 @@
 
 from wackel_classifier.findings import Finding
 from wackel_classifier.lags import Lags
-from wackel_classifier.latency_timer import HELD_MOST_NS
-from wackel_protocols.dynamixel2.expectation import SLOWEST_NS
+from wackel_classifier.latency_timer import HELD_MOST_NS, LATENESSES
 from wackel_schemas import component
 
-BUSY_LAG_NS = SLOWEST_NS // 2
 WAITS = 100
 WAITS_START = 10
 BUSY_START = 0.05
-"""What makes an answer later than any servo needs. How often the host does is told by the share of
-the reads of many in which it overslept by so much, and by the share of the single answers that come
-later than any adapter holds them: both over so many, from a cautious start."""
+"""How often the host makes an answer late is told by the share of the reads of many in which it
+overslept by so much, and by the share of the single answers that come later than any adapter holds
+them: both over so many, from a cautious start."""
 SPOILS_NS = 200_000
 """Response times measured by a host that was late by so much say nothing about the servo."""
 
@@ -47,24 +45,29 @@ class HostLag:
 
     def __init__(self, bus: str) -> None:
         self.waits = 0
-        self._overslept = _Share()
+        self._overslept = [_Share() for _ in LATENESSES]
         self._beyond = _Share()
         self._lags = Lags("host_lag", component.bus(bus), 0.95, "the host overslept by")
 
-    def overslept(self, lag_ns: int, now_ns: int, stamp: int) -> None:
-        """The host was late by so much, at least :data:`SPOILS_NS`."""
-        if lag_ns >= BUSY_LAG_NS:
-            self._overslept.happened()
+    def overslept(self, lag_ns: int, now_ns: int, stamp: int, *, many: bool) -> None:
+        """The host was late by so much, at least :data:`SPOILS_NS`, in a read of many or not."""
+        if many:
+            for lateness, share in zip(LATENESSES, self._overslept, strict=True):
+                if lag_ns >= lateness.host_ns:
+                    share.happened()
         self._lags.add(lag_ns, now_ns, stamp)
 
-    def busy(self, delay_ns: int) -> float:
-        """A single answer came after so long; the share of them that the host makes late."""
-        self._overslept.had_chances(self.waits)
-        self.waits = 0
+    def busy(self, delay_ns: int) -> list[float]:
+        """A single answer came after so long; the share of them that the host makes late, for each
+        of :data:`LATENESSES`.
+        """
         self._beyond.had_chances(1)
         if delay_ns > HELD_MOST_NS:
             self._beyond.happened()
-        return max(self._overslept.value, self._beyond.value)
+        for share in self._overslept:
+            share.had_chances(self.waits)
+        self.waits = 0
+        return [max(share.value, self._beyond.value) for share in self._overslept]
 
     def findings(self, now_ns: int) -> list[Finding]:
         """Whether it is late so often that control suffers."""

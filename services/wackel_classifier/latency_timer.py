@@ -1,6 +1,8 @@
 """A USB latency timer that is not set: the adapter holds answers back until it has run out."""
 
 from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
 from math import log
 from statistics import median
 
@@ -15,10 +17,31 @@ SERVOS = 3
 latest answers most must have been held back, of so many servos (all, if there are fewer) and of
 most of those asked."""
 HELD_SHARE = 0.7
-"""Share of answers that a latency timer of 4 ms makes that late; a longer one more of them."""
+"""Share of answers that a latency timer of 4 ms makes later than any servo needs, and one of 16 ms
+four times as late; a longer one more of them."""
 HELD_MOST_NS = SLOWEST_NS + 16_000_000
 """A timer that nobody set runs for 16 ms; what comes later is another's doing, mostly the host's.
 """
+
+
+@dataclass(frozen=True)
+class Lateness:
+    """What is compared: answers so late with a host so late.
+
+    Attributes:
+        answer_ns: An answer held back comes later than that.
+        host_ns: A host that oversleeps by so much may have made it so.
+    """
+
+    answer_ns: int
+    host_ns: int
+
+
+LATENESSES = (Lateness(SLOWEST_NS, SLOWEST_NS // 2), Lateness(4 * SLOWEST_NS, SLOWEST_NS))
+"""Of a timer of 4 ms and of 16 ms. A host that is a little late in many of its reads (waking a
+processor from deep sleep takes some 600 µs) leaves nothing to say of the first; it does not make
+answers as late as the second does, for which a third of what it would take counts against it:
+how often it does that is seen too rarely to be counted."""
 SOUND_SHARE = 0.05
 SOUND_SHARE_MOST = 0.6
 SOUND_MEMORY = 100
@@ -48,44 +71,53 @@ class LatencyTimer:
 
     def __init__(self, chain: Chain) -> None:
         self._chain = chain
-        self._least = min(SERVOS, len(chain))
         self._recent: deque[tuple[int, int]] = deque(maxlen=SAMPLES)  # position, delay
-        self._holds = False
+        self._tests = [_Test(lateness, min(SERVOS, len(chain))) for lateness in LATENESSES]
+        self._begin_ns: int | None = None  # of the answers that are one piece of evidence
         self.since = 0
-        self._evidence = 0.0  # that the verdict is wrong
-        self._since_ns = 0
-        self._begin_ns = 0  # of the answers that are one piece of evidence
-        self._count = self._held = 0  # of these
-        self._held_share = 0.0
 
-    def answer(self, position: int, delay_ns: int, busy: float, now_ns: int) -> None:
+    def answer(
+        self,
+        position: int,
+        delay_ns: int,
+        busy: Sequence[float],
+        now_ns: int,
+        *,
+        at_least: bool = False,
+    ) -> None:
         """One servo was asked alone and has answered.
 
         Args:
             position: In the chain.
             delay_ns: What it took.
-            busy: Share of such answers that the host makes late.
+            busy: Share of such answers that the host makes late, for each of :data:`LATENESSES`.
             now_ns: Classifier's time.
+            at_least: It took longer: nobody listened any more.
         """
-        if busy >= BUSY_MOST:
-            return
-        if self._count and now_ns - self._begin_ns >= SPACING_NS:
-            self._weigh(self._held / self._count, BUSY_FACTOR * busy, now_ns)
-            self._count = self._held = 0
-        if not self._count:
-            self._begin_ns = now_ns
+        self._piece(busy, now_ns)
         self._recent.append((position, delay_ns))
-        self._count += 1
-        self._held += _is_held(delay_ns)
+        for test in self._tests:
+            if test.is_held(delay_ns) or not at_least:
+                test.add(delay_ns)
+
+    def _piece(self, busy: Sequence[float], now_ns: int) -> None:
+        """Weighs the present piece of evidence if another one begins."""
+        if self._begin_ns is not None and now_ns - self._begin_ns < SPACING_NS:
+            return
+        if self._begin_ns is not None:
+            for test, share in zip(self._tests, busy, strict=True):
+                test.weigh(share, self._begin_ns, now_ns, self._recent)
+        self._begin_ns = now_ns
 
     def finding(self, stamp: int) -> Finding | None:
         """The verdict."""
-        if not self._holds:
+        test = next((test for test in self._tests if test.holds), None)
+        if test is None:
             self.since = 0
             return None
         self.since = self.since or stamp
         typical_ms = median(delay for _, delay in self._recent) / 1e6  # at least
-        late, chain = self._late(), self._chain
+        late, chain = test.late(self._recent), self._chain
         return Finding(
             "latency_timer",
             component.adapter(chain.bus),
@@ -97,36 +129,70 @@ class LatencyTimer:
             [] if len(chain) > 1 else [chain.servo(0)],
         )
 
-    def _weigh(self, share: float, busy: float, now_ns: int) -> None:
-        """A piece of evidence, in which this share of the answers was held back."""
+
+class _Test:
+    """Whether answers are held back by so much.
+
+    Args:
+        lateness: By how much.
+        least: Servos of which some must be.
+
+    Attributes:
+        holds: The verdict.
+    """
+
+    def __init__(self, lateness: Lateness, least: int) -> None:
+        self.holds = False
+        self._count = self._held = 0  # answers of the present piece of evidence
+        self._answer_ns = lateness.answer_ns
+        self._least = least
+        self._evidence = 0.0  # that the verdict is wrong
+        self._since_ns = 0
+        self._held_share = 0.0
+
+    def add(self, delay_ns: int) -> None:
+        """An answer to the present piece of evidence."""
+        self._count += 1
+        self._held += self.is_held(delay_ns)
+
+    def weigh(
+        self, busy: float, begin_ns: int, now_ns: int, recent: deque[tuple[int, int]]
+    ) -> None:
+        """The piece of evidence that began then is complete."""
+        if not self._count:
+            return
+        share = self._held / self._count
+        self._count = self._held = 0
+        if busy >= BUSY_MOST and not self.holds:
+            return  # a verdict may end all the same: no host makes an answer come in time
         if not self._evidence:
-            self._since_ns = self._begin_ns
-        sound = min(max(SOUND_SHARE, self._held_share) + busy, SOUND_SHARE_MOST)
-        if not self._holds:
+            self._since_ns = begin_ns
+        sound = max(SOUND_SHARE, self._held_share) + BUSY_FACTOR * busy
+        sound = min(sound, SOUND_SHARE_MOST)
+        if not self.holds:
             self._held_share += (share - self._held_share) / SOUND_MEMORY
         odds = share * log(HELD_SHARE / sound)
         odds += (1.0 - share) * log((1.0 - HELD_SHARE) / (1.0 - sound))
-        if self._holds:
+        if self.holds:
             self._evidence = max(0.0, self._evidence - odds)
             if self._evidence >= SOUND_CERTAIN:
-                self._holds, self._evidence = False, 0.0
+                self.holds, self._evidence = False, 0.0
         else:
             self._evidence = min(max(0.0, self._evidence + odds), HELD_CERTAIN)
             lasting = now_ns - self._since_ns >= LEAST_NS
-            if self._evidence >= HELD_CERTAIN and lasting and self._is_shared():
-                self._holds, self._evidence = True, 0.0
+            if self._evidence >= HELD_CERTAIN and lasting and self._is_shared(recent):
+                self.holds, self._evidence = True, 0.0
 
-    def _late(self) -> list[int]:
+    def is_held(self, delay_ns: int) -> bool:
+        """Whether an adapter may have held an answer back: so late, no later than any does."""
+        return self._answer_ns < delay_ns <= HELD_MOST_NS
+
+    def late(self, recent: deque[tuple[int, int]]) -> list[int]:
         """Positions of those whose answers were held back, once for each answer."""
-        return [position for position, delay in self._recent if _is_held(delay)]
+        return [position for position, delay in recent if self.is_held(delay)]
 
-    def _is_shared(self) -> bool:
-        late, asked = self._late(), {position for position, _ in self._recent}
+    def _is_shared(self, recent: deque[tuple[int, int]]) -> bool:
+        late, asked = self.late(recent), {position for position, _ in recent}
         who = set(late)
         shared = len(who) >= self._least and 2 * len(who) > len(asked)
-        return shared and 2 * len(late) > len(self._recent)
-
-
-def _is_held(delay_ns: int) -> bool:
-    """Whether an adapter may have held an answer back: later than any servo needs, no later."""
-    return SLOWEST_NS < delay_ns <= HELD_MOST_NS
+        return shared and 2 * len(late) > len(recent)

@@ -155,8 +155,9 @@ class Timing:
 
     def late_answer(self, position: int, now_ns: int, stamp: int) -> None:
         """A servo has answered when the host no longer listened."""
-        after_ns = SLOWEST_NS + 1  # at least
-        self._adapter.answer(position, after_ns, self.host.busy(after_ns), now_ns)
+        after_ns = SLOWEST_NS + 1
+        busy = self.host.busy(after_ns)
+        self._adapter.answer(position, after_ns, busy, now_ns, at_least=True)
         servo = self._servos[position]
         servo.after_time_out += 1
         if now_ns - servo.after_time_out_ns >= LATE_ANSWER_NS and not self._adapter.since:

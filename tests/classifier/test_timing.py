@@ -82,7 +82,7 @@ def test_late_answers_in_a_burst_of_the_host_convict_nobody() -> None:
     for _ in range(50):
         bus.run(200, bus.quiet)
         for place in range(SERVOS):
-            bus.timing.host.overslept(MS, bus.now_ns, STAMP)  # seen by the reads of the cycle
+            bus.timing.host.overslept(MS, bus.now_ns, STAMP, many=True)
             bus.ask(place, bus.random.uniform(300, 5000))
         assert bus.told == []
         # All of them at one servo, as when it is asked again and again.
@@ -126,7 +126,7 @@ def test_from_the_start_a_host_that_oversleeps_in_half_of_its_waits_convicts_no_
 
         def starved(_: int, bus: Bus = bus) -> float:
             if bus.random.random() < 0.5:
-                bus.timing.host.overslept(2 * MS, bus.now_ns, STAMP + bus.now_ns)
+                bus.timing.host.overslept(2 * MS, bus.now_ns, STAMP + bus.now_ns, many=True)
             return bus.random.uniform(1300, 12_000)
 
         bus.run(1000, starved)
@@ -138,7 +138,7 @@ def test_a_host_that_oversleeps_all_the_time_leaves_the_adapter_as_it_was() -> N
     bus.run(200, bus.quiet)
 
     def starved(_: int) -> float:
-        bus.timing.host.overslept(MS, bus.now_ns, STAMP + bus.now_ns)
+        bus.timing.host.overslept(MS, bus.now_ns, STAMP + bus.now_ns, many=True)
         return bus.random.uniform(500, 5000)
 
     bus.run(3000, starved)
@@ -158,6 +158,45 @@ def test_an_adapter_that_holds_answers_back_is_told_from_a_slow_servo(held_us: f
     bus.run(2000, held)
     assert len(bus.told) == 2000  # without a gap
     assert bus.run(30, bus.quiet) == []
+
+
+@pytest.mark.parametrize("overslept_us", [700.0, 1100.0])
+def test_a_host_that_wakes_up_late_hides_no_timer_of_16_ms(overslept_us: float) -> None:
+    bus = Bus()
+
+    def woken(held_us: float) -> float:
+        lag_us = bus.random.uniform(0.0, overslept_us)
+        if lag_us > 200:
+            lag_ns = round(lag_us * US)
+            bus.timing.host.overslept(lag_ns, bus.now_ns, STAMP + bus.now_ns, many=True)
+        return bus.quiet() + bus.random.uniform(0, held_us) + bus.random.uniform(0.0, overslept_us)
+
+    bus.run(2000, lambda _: woken(0.0))
+    assert "latency_timer" not in bus.told
+    assert bus.run(100, lambda _: woken(16_000.0)) == [("latency_timer", "adapter")]
+    assert bus.run(1000, lambda _: woken(0.0)) == []
+
+
+def test_what_the_host_is_known_to_delay_of_single_answers_says_nothing_of_the_others() -> None:
+    bus = Bus()
+    bus.run(200, bus.quiet)
+
+    def held(_: int) -> float:
+        for lag_ns in (MS, 5 * MS):
+            bus.timing.host.overslept(lag_ns, bus.now_ns, STAMP + bus.now_ns, many=False)
+        return bus.quiet() + bus.random.uniform(0, 4_000)
+
+    assert ("latency_timer", "adapter") in bus.run(30, held)
+
+
+def test_answers_that_come_when_nobody_listens_speak_for_a_timer() -> None:
+    bus = Bus()
+    bus.run(200, bus.quiet)
+    for turn in range(30):
+        bus.now_ns += 20 * MS
+        bus.timing.late_answer(turn % SERVOS, bus.now_ns, STAMP + bus.now_ns)
+        bus.run(1, lambda _: bus.quiet() + 2_000)
+    assert "latency_timer" in bus.told
 
 
 def test_a_slow_drift_is_found_with_its_size_and_a_common_one_is_not() -> None:
@@ -235,7 +274,7 @@ def test_any_times_are_judged(servos: int, answers: list[tuple[int, int]]) -> No
         position = place % servos
         timing.response(position, response_ns, BYTES, 0, turn * MS, turn)
         timing.late_answer(position, turn * MS, turn)
-        timing.host.overslept(abs(response_ns), turn * MS, turn)
+        timing.host.overslept(abs(response_ns), turn * MS, turn, many=bool(place))
         timing.register(position, place, turn)
         timing.tick()
         for finding in timing.findings(turn * MS, turn):
