@@ -220,7 +220,7 @@ def test_faults_of_several_buses_at_once_are_named_each_on_its_own(tmp_path: Pat
         # By itself the gateway reads this register twice a minute.
         look = BusRequest(operation="read", id=2, register="return_delay_time")
         assert robot.link.ask(keys.BUS_REQUEST, look, bus="return_delay", timeout_s=10.0).ok
-        # Contact that is lost in bursts is believed sound after half a minute: test_one_cable waits.
+        # Contact lost in bursts is believed sound after half a minute; test_one_cable waits for it.
         del cases["loose_contact_bursts"]
         robot.wait(
             lambda: all(case.is_healed(robot, bus) for bus, case in cases.items()), 2 * LIMIT_S
