@@ -143,10 +143,10 @@ class BusClassifier:
                 quiet = not self._look(transaction, request, answers, data)
         elif self._goals_due and instruction[PREFIX_BYTES : PREFIX_BYTES + 1] == _SYNC_WRITE:
             self._goals_due = not self._frozen.command(instruction)
-        if transaction.host_lag_ns >= SPOILS_NS:
-            lag_ns, host = transaction.host_lag_ns, self._timing.host
-            host.overslept(lag_ns, self._now_ns, stamp, many=request.many)
-            quiet = quiet and transaction.host_lag_ns < LATE_NS
+        lag_ns = transaction.host_lag_ns
+        if lag_ns >= SPOILS_NS:
+            self._timing.host.overslept(lag_ns, self._now_ns, stamp, many=request.many)
+            quiet = quiet and lag_ns < LATE_NS
         if self._now_ns >= self._slot_end_ns:
             self._end_slot()
         elif quiet and self._now_ns < self._conclude_ns:

@@ -102,22 +102,22 @@ class LatencyTimer:
 
     def _piece(self, busy: Sequence[float], now_ns: int) -> None:
         """Weighs the present piece of evidence if another one begins."""
-        if self._begin_ns is not None and now_ns - self._begin_ns < SPACING_NS:
-            return
         if self._begin_ns is not None:
+            if now_ns - self._begin_ns < SPACING_NS:
+                return
             for test, share in zip(self._tests, busy, strict=True):
                 test.weigh(share, self._begin_ns, now_ns, self._recent)
         self._begin_ns = now_ns
 
     def finding(self, stamp: int) -> Finding | None:
         """The verdict."""
-        test = next((test for test in self._tests if test.holds), None)
-        if test is None:
+        if not any(test.holds for test in self._tests):
             self.since = 0
             return None
         self.since = self.since or stamp
         typical_ms = median(delay for _, delay in self._recent) / 1e6  # at least
-        late, chain = test.late(self._recent), self._chain
+        # As the first test counts them, whichever has decided.
+        late, chain = self._tests[0].late(self._recent), self._chain
         return Finding(
             "latency_timer",
             component.adapter(chain.bus),

@@ -57,6 +57,9 @@ def test_a_cable_to_a_steering_is_told_by_the_bus_and_by_the_drive(tmp_path: Pat
             robot.wait(lambda: {"wheel/right"} in map(unseen, latest))
             robot.heal()
             robot.wait(lambda: robot.ready() and unseen(latest[-1]) == set(), START_S)
+            healed = robot.fault("loose_contact", CABLE)
+            assert healed is not None
+            assert healed.status == "healed"
 
             robot.disturb(broken)
             robot.wait(lambda: robot.confirmed("cable_break", CABLE))
