@@ -36,6 +36,10 @@ class Unreadable(Explained, ValueError):
     """No recording of wackel, or none that can be used; the text is one line with the file."""
 
 
+class Empty(Unreadable):
+    """Not a byte is in the file: it was begun a moment ago, or a loss of power emptied it."""
+
+
 class Entry(NamedTuple):
     """One recorded message.
 
@@ -67,6 +71,7 @@ class RecordingFile:
         """Reads no further than to what the file says of itself.
 
         Raises:
+            Empty: Nothing is in it.
             Unreadable: Not there, no MCAP, or none of wackel's.
         """
         self.path = path
@@ -80,6 +85,8 @@ class RecordingFile:
                 raise Unreadable(f"{path}: not a file")
             with path.open("rb") as file:
                 self.size = os.fstat(file.fileno()).st_size
+                if not self.size:
+                    raise Empty(f"{path}: empty, so just begun or lost with the power")
                 self.about = self._find_about(file)
         except OSError as error:
             raise Unreadable(f"{path}: {error.strerror}") from error
@@ -195,11 +202,13 @@ class Recording:
     Attributes:
         files: In order.
         about: Of the first file.
+        empty: What is said of files beside them in which nothing is.
     """
 
     def __init__(self, files: list[RecordingFile]) -> None:
         self.files = sorted(files, key=lambda file: file.about.part)
         self.about = self.files[0].about
+        self.empty: list[str] = []
 
     @property
     def progress(self) -> float:
@@ -215,7 +224,7 @@ class Recording:
             for before, file in zip(parts, self.files[1:], strict=False)
             if file.about.part > before + 1
         ]
-        return missing + [text for file in self.files for text in file.damage]
+        return missing + self.empty + [text for file in self.files for text in file.damage]
 
     def doubt(self, robot: str) -> str:
         """What to say before it is concluded from with a robot's configuration; empty: nothing."""
@@ -238,12 +247,14 @@ def open_recordings(paths: Iterable[Path]) -> list[Recording]:
     """The recordings that the files belong to, in the order in which they were made.
 
     Args:
-        paths: Files in any order; a directory stands for all ``.mcap`` files in it.
+        paths: Files in any order; a directory stands for all ``.mcap`` files in it. Those in
+            which nothing is are damage of the last recording there, for whose they are none tells.
 
     Raises:
         Unreadable: One of them is none, or a directory holds none.
     """
     sessions: dict[str, dict[Path, RecordingFile]] = {}
+    empty: list[str] = []
     for path in paths:
         try:
             inside = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
@@ -252,7 +263,18 @@ def open_recordings(paths: Iterable[Path]) -> list[Recording]:
         if not inside:
             raise Unreadable(f"{path}: no .mcap file in it")
         for each in inside:
-            file = RecordingFile(each)
+            try:
+                file = RecordingFile(each)
+            except Empty as error:
+                if inside == [path]:
+                    raise
+                empty.append(str(error))
+                continue
             sessions.setdefault(file.about.session, {})[each.resolve()] = file
     recordings = [Recording(list(files.values())) for files in sessions.values()]
-    return sorted(recordings, key=lambda recording: recording.about.started_ns)
+    recordings.sort(key=lambda recording: recording.about.started_ns)
+    if empty:
+        if not recordings:
+            raise Unreadable(empty[0])
+        recordings[-1].empty = empty
+    return recordings

@@ -179,6 +179,24 @@ def test_a_missing_file_of_several_is_reported(tmp_path: Path) -> None:
     ]
 
 
+def test_a_file_in_which_nothing_is_yet_is_told_and_the_others_are_read(
+    sound: bytes, tmp_path: Path
+) -> None:
+    (tmp_path / "run.mcap").write_bytes(sound)
+    (tmp_path / "run_001.mcap").touch()
+    (recording,) = open_recordings([tmp_path])
+    assert len(list(recording.entries())) == CHUNKS * PER_CHUNK
+    (told,) = recording.damage
+    assert told.startswith(f"{tmp_path / 'run_001.mcap'}: empty")
+
+
+@pytest.mark.parametrize("alone", ["run.mcap", ""])
+def test_nothing_but_an_empty_file_is_refused(tmp_path: Path, alone: str) -> None:
+    (tmp_path / "run.mcap").touch()
+    with pytest.raises(Unreadable, match=r"run\.mcap: empty"):
+        open_recordings([tmp_path / alone])
+
+
 def test_recordings_made_apart_stay_apart_in_the_order_of_their_making(tmp_path: Path) -> None:
     for session, started_ns in (("later", START_NS + 10**9), ("earlier", START_NS)):
         writer = RecordingWriter(tmp_path / f"{session}.mcap", about(session, started_ns))
@@ -285,7 +303,7 @@ def foreign_mcap(path: Path) -> None:
     [
         (lambda path: None, "No such file"),
         (lambda path: path.mkdir(), "no .mcap file in it"),
-        (lambda path: path.write_bytes(b""), "not an MCAP file"),
+        (lambda path: path.write_bytes(b""), "empty"),
         (lambda path: path.write_bytes(b"SQLite format 3\0 and so on"), "not an MCAP file"),
         (foreign_mcap, "no recording of wackel"),
     ],
