@@ -287,6 +287,14 @@ FAULT_CODES: dict[str, FaultCode] = {
         "warning",
         heal_s=5.0,
     ),
+    "late_answers": FaultCode(
+        "Answers of {component} come so late that the time they are of is not known; the odometry "
+        "goes without them.",
+        "Look what holds them up: the adapter's latency timer (wackel doctor), a hub that it "
+        "shares, the load of the computer.",
+        "warning",
+        heal_s=1.0,
+    ),
     "pose_unknown": FaultCode(
         "{component} cannot tell where the robot is: {reason}.",
         "See which inputs are missing or excluded (wackel pose); once they are back, say where the "
@@ -487,7 +495,7 @@ EXPLAINS: dict[str, frozenset[str]] = {
     ),
     "noise": frozenset({"packet_loss", "crc_errors", "stray_data"}),
     "return_delay": frozenset({"slow_servo"}),
-    "latency_timer": frozenset({"slow_servo", "adapter_lag"}),
+    "latency_timer": frozenset({"slow_servo", "adapter_lag", "late_answers"}),
     "gyro_frozen": frozenset({"gyro_deviates"}),
     "gyro_silent": frozenset({"gyro_rate"}),
     "gyro_absent": frozenset({"gyro_silent", "gyro_rate"}),

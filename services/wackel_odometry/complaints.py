@@ -13,7 +13,6 @@ _REASONS: dict[Refusal, str] = {
     "implausible": "values that are no numbers, or beyond all measure",
     "late": "stamps of the past",
     "ahead": "stamps of the future",
-    "uncertain": "stamps of doubtful accuracy, since answers were late",
     "repeated": "the same stamp twice",
     "flood": "more samples than it can have taken",
 }
@@ -43,13 +42,17 @@ class InputWatch:
         found: dict[str, list[Complaint]] = {source: [] for source, _ in self._seen}
         for (source, reason), (last, count, level) in self._seen.items():
             recent = abs(now - last) <= MEMORY_NS
-            if recent and not found[source] and (reason == "implausible" or level > FORGIVEN):
-                found[source].append(
-                    Complaint(
-                        "bad_input",
-                        f"{count} samples with {_REASONS[reason]}",
-                        {"samples": count},
-                        {"reason": _REASONS[reason]},
-                    )
-                )
+            if recent and (reason == "implausible" or level > FORGIVEN):
+                complaint = _complaint(reason, count)
+                if all(each.code != complaint.code for each in found[source]):
+                    found[source].append(complaint)
         return found
+
+
+def _complaint(reason: Refusal, count: int) -> Complaint:
+    values: dict[str, float | int | str] = {"samples": count}
+    if reason == "uncertain":
+        # Whoever sent it is not to blame: it was the first to say so.
+        return Complaint("late_answers", f"{count} samples of a time that is not known", values)
+    words = _REASONS[reason]
+    return Complaint("bad_input", f"{count} samples with {words}", values, {"reason": words})

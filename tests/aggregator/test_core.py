@@ -256,6 +256,16 @@ def test_what_one_servo_has_explains_nothing_of_its_neighbour(robot: Robot) -> N
     assert not robot.fault("slow_servo", "bus/main/servo/2").inhibited_by
 
 
+def test_answers_that_an_adapter_delivers_late_are_explained_by_its_latency_timer(
+    robot: Robot,
+) -> None:
+    for bus in ("main", "legs"):
+        robot.say(report("late_answers", f"bus/{bus}"), source="odometry")
+    robot.say(report("latency_timer", "bus/main/adapter", boot=99), source="classifier-main")
+    assert robot.fault("late_answers", "bus/main").inhibited_by == "bus/main/adapter/latency_timer"
+    assert not robot.fault("late_answers", "bus/legs").inhibited_by
+
+
 def test_a_gyro_that_contradicts_the_wheels_because_it_is_frozen_is_told_once(
     robot: Robot,
 ) -> None:

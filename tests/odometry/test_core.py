@@ -598,6 +598,32 @@ def test_values_that_cannot_be_are_reported_and_the_pose_goes_on() -> None:
     assert ride.off()[0] < 0.01
 
 
+@pytest.mark.parametrize(("every", "told"), [(20, False), (5, True)])
+def test_answers_that_often_come_late_are_told_and_their_publisher_is_not_blamed(
+    every: int, told: bool
+) -> None:
+    """More of them than a busy computer causes."""
+    ride = Ride()
+    for number, moment in enumerate(ride.moments(5.0, 0.4, 0.0, 0.0)):
+        moment.state.late_s = 0.0 if number % every else 0.005
+        ride.feed(moment)
+    assert ride.codes() == ([("late_answers", "active")] if told else [])
+    ride.drive(3.0, 0.4, 0.0, 0.0)
+    assert ride.codes()[1:] == ([("late_answers", "healed")] if told else [])
+    assert ride.now.discarded == {"bus/main: uncertain": 500 // every}
+
+
+def test_a_sample_that_cannot_be_is_told_beside_answers_that_come_late() -> None:
+    ride = Ride()
+    for number, moment in enumerate(ride.moments(2.0, 0.4, 0.0, 0.0)):
+        moment.sample.late_s = 0.0 if number % 3 else 0.005
+        if number == 100:
+            moment.sample.angular_velocity = (0.0, 0.0, math.nan)
+        ride.feed(moment)
+    assert {report.code for report in ride.reports} == {"late_answers", "bad_input"}
+    assert {report.component for report in ride.reports} == {component.gyro(GYRO)}
+
+
 def test_active_faults_can_be_told_again() -> None:
     ride = Ride()
     ride.drive(0.5, 0.4, 0.0, 0.0)

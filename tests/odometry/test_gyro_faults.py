@@ -185,10 +185,15 @@ def test_a_gyro_far_too_slow_is_told_by_its_rate(
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"angular_velocity": (0.0, 0.0, math.nan)}, {"late_s": 0.003}], ids=str
+    ("wrong", "code"),
+    [
+        ({"angular_velocity": (0.0, 0.0, math.nan)}, "bad_input"),
+        ({"late_s": 0.003}, "late_answers"),
+    ],
+    ids=str,
 )
-def test_samples_that_are_refused_for_what_they_are_are_not_called_late(
-    wrong: dict[str, Any],
+def test_samples_that_are_refused_for_what_they_are_are_not_called_silent(
+    wrong: dict[str, Any], code: str
 ) -> None:
     ride = quiet_ride()
     ride.drive(2.0, 0.0, 0.0, 0.0)
@@ -196,7 +201,7 @@ def test_samples_that_are_refused_for_what_they_are_are_not_called_late(
         ride.take(ride.odometer.bus_state(BUS, moment.state))
         sent = wire.encode(replace(moment.sample, **wrong))
         ride.take(ride.odometer.imu(GYRO, wire.decode(sent, ImuSample)))
-    assert ride.codes() == [("bad_input", "active")]
+    assert ride.codes() == [(code, "active")]
 
 
 def test_a_bias_beyond_the_data_sheet_is_told() -> None:
