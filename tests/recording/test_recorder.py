@@ -137,7 +137,9 @@ def test_a_recorder_killed_without_warning_loses_at_most_the_last_second(
         process.wait()
     states = [entry for entry in recorded(directory) if entry.key == STATE_KEY]
     assert states[-1].stamp_ns > last_ns - 1_000_000_000
-    assert "it was not finished" in " ".join(single_damage(directory))
+    (told,) = single_damage(directory)
+    # Killed while it writes, it leaves half of the last chunk.
+    assert "it was not finished" in told or "nothing can be read behind" in told
 
 
 def single_damage(directory: Path) -> list[str]:
