@@ -6,7 +6,6 @@ between :meth:`Link.handle_at_once` and its end, on the one that has received a 
 """
 
 import math
-import queue
 import random
 import threading
 import time
@@ -26,6 +25,7 @@ from wackel_node.inbox import Inbox
 from wackel_node.log import logger
 from wackel_node.publisher import Publisher
 from wackel_node.session import NotReached, Role, session
+from wackel_node.wake import Wake
 from wackel_schemas import wire
 from wackel_schemas.keys import MOST_BYTES, ROOT, Query, Topic
 from wackel_schemas.message import Message, Record
@@ -70,7 +70,7 @@ class Link:
         self.arrived_ns = 0
         self._prefix = f"{ROOT}/{config.robot}/"
         self._inboxes: list[Inbox] = []
-        self._wake: queue.SimpleQueue[bool] = queue.SimpleQueue()  # whether by :meth:`wake`
+        self._wake = Wake()  # the word: whether by :meth:`wake`
         self._woken = False  # so that of many messages one wakes
         self._turns = threading.Lock()
         self._whose = 0  # turn it is: the thread's identity, or 0
@@ -271,10 +271,10 @@ class Link:
         """
         now = time.monotonic()
         limit = now + timeout_s
-        if now >= limit and now < self._due and self._wake.empty() and self._failure is None:
+        if now >= limit and now < self._due and not self._wake and self._failure is None:
             return False  # mostly so where a loop only looks whether there is anything
         while True:
-            called = self._wait(min(limit, self._due) - now)
+            called = self._wake.wait(min(limit, self._due) - now)
             if self._failure is not None:
                 raise self._failure
             now = time.monotonic()
@@ -324,18 +324,6 @@ class Link:
             except BaseException as failure:  # it ends the service, not Zenoh's thread
                 self._failure = failure
                 self.wake()
-
-    def _wait(self, timeout_s: float) -> bool | None:
-        """Until a message wakes, or :meth:`wake`; whether it was that, and ``None`` if neither."""
-        called = None
-        if timeout_s > 0:
-            try:
-                called = self._wake.get(timeout=timeout_s)
-            except queue.Empty:
-                return None
-        while not self._wake.empty():
-            called = self._wake.get() or called or False
-        return called
 
     def _turn(self) -> bool:
         """Runs due timers and the handlers of what is there; whether there was anything."""

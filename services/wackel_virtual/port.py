@@ -204,7 +204,8 @@ class Ports:
         Raises:
             RuntimeError: The thread has died.
         """
-        done: queue.SimpleQueue[tuple[T | None, Exception | None]] = queue.SimpleQueue()
+        # No SimpleQueue: the time limit of its get can fail, as in wackel_node.wake.
+        done: queue.Queue[tuple[T | None, Exception | None]] = queue.Queue()
 
         def run() -> None:
             try:
