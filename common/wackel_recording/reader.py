@@ -247,14 +247,14 @@ def open_recordings(paths: Iterable[Path]) -> list[Recording]:
     """The recordings that the files belong to, in the order in which they were made.
 
     Args:
-        paths: Files in any order; a directory stands for all ``.mcap`` files in it. Those in
-            which nothing is are damage of the last recording there, for whose they are none tells.
+        paths: Files in any order; a directory stands for all ``.mcap`` files in it. Files in
+            which nothing is are damage of the last recording, for whose they are none tells.
 
     Raises:
-        Unreadable: One of them is none, or a directory holds none.
+        Unreadable: One of them is none, a directory holds none, or nothing is in any.
     """
     sessions: dict[str, dict[Path, RecordingFile]] = {}
-    empty: list[str] = []
+    empty: dict[Path, str] = {}
     for path in paths:
         try:
             inside = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
@@ -266,15 +266,13 @@ def open_recordings(paths: Iterable[Path]) -> list[Recording]:
             try:
                 file = RecordingFile(each)
             except Empty as error:
-                if inside == [path]:
-                    raise
-                empty.append(str(error))
-                continue
-            sessions.setdefault(file.about.session, {})[each.resolve()] = file
+                empty[each.resolve()] = str(error)
+            else:
+                sessions.setdefault(file.about.session, {})[each.resolve()] = file
     recordings = [Recording(list(files.values())) for files in sessions.values()]
     recordings.sort(key=lambda recording: recording.about.started_ns)
     if empty:
         if not recordings:
-            raise Unreadable(empty[0])
-        recordings[-1].empty = empty
+            raise Unreadable(next(iter(empty.values())))
+        recordings[-1].empty = [*empty.values()]
     return recordings

@@ -52,7 +52,7 @@ class InputWatch:
 def _complaint(reason: Refusal, count: int) -> Complaint:
     values: dict[str, float | int | str] = {"samples": count}
     if reason == "uncertain":
-        # Whoever sent it is not to blame: it was the first to say so.
+        # Its sender is not to blame, for it said itself that the answer was late.
         return Complaint("late_answers", f"{count} samples of a time that is not known", values)
     words = _REASONS[reason]
     return Complaint("bad_input", f"{count} samples with {words}", values, {"reason": words})

@@ -184,7 +184,7 @@ def test_a_file_in_which_nothing_is_yet_is_told_and_the_others_are_read(
 ) -> None:
     (tmp_path / "run.mcap").write_bytes(sound)
     (tmp_path / "run_001.mcap").touch()
-    (recording,) = open_recordings([tmp_path])
+    (recording,) = open_recordings([tmp_path, *tmp_path.iterdir()])
     assert len(list(recording.entries())) == CHUNKS * PER_CHUNK
     (told,) = recording.damage
     assert told.startswith(f"{tmp_path / 'run_001.mcap'}: empty")
