@@ -142,7 +142,8 @@ class RecordingFile:
         file.seek(len(MCAP0_MAGIC))
         while True:
             at = file.tell()
-            head = file.read(_HEAD.size)
+            # Who still writes it may have come further since it was opened.
+            head = file.read(min(_HEAD.size, self.size - at))
             if not head:
                 self._note("it was not finished; at most the last second is missing")
                 return

@@ -167,6 +167,20 @@ def test_a_new_file_begins_after_so_many_bytes_and_is_named_after_the_first(
     assert names == ["run.mcap", "run_001.mcap", "run_002.mcap"]
 
 
+def test_a_file_that_grows_meanwhile_is_read_as_long_as_it_was_and_is_not_finished(
+    tmp_path: Path,
+) -> None:
+    writer = RecordingWriter(tmp_path / "run.mcap", about())
+    fill(writer, range(3))
+    writer.flush()
+    (recording,) = open_recordings([tmp_path])
+    fill(writer, range(3, 6))
+    writer.flush()
+    assert numbers_in(list(recording.entries())) == [0, 1, 2]
+    (told,) = recording.damage
+    assert "it was not finished" in told
+
+
 def test_a_missing_file_of_several_is_reported(tmp_path: Path) -> None:
     writer = RecordingWriter(tmp_path / "run.mcap", about(), max_bytes=1)
     for number in range(3):
