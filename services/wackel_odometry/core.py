@@ -5,10 +5,10 @@ Time is the stamps of the messages, so a recording gives the same as the robot.
 
 import math
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from itertools import compress
-from operator import add, and_, gt, not_
+from operator import add, and_, gt, itemgetter, not_
 
 import numpy as np
 from msgspec.structs import replace
@@ -39,7 +39,6 @@ from wackel_schemas.drive import (
     OdometryReply,
     OdometryRequest,
     Result,
-    WheelSlip,
 )
 from wackel_schemas.fault import FaultReport
 from wackel_schemas.message import Message
@@ -88,7 +87,6 @@ class Odometer:
         layout = Layout(config)
         settings = list(gyros.values())
         density = np.array([gyro.noise_density for gyro in settings])
-        self._names = layout.names
         self._gyros = {name: GyroWatch(gyro) for name, gyro in gyros.items()}
         self._alignment = Alignment(layout, gyros)
         self._rows = Rows(layout, config, gyros)
@@ -97,8 +95,10 @@ class Odometer:
             np.array([gyro.bias_limit / 3 for gyro in settings]),
             np.array([gyro.bias_stability for gyro in settings]),
         )
+        size = FIRST_BIAS + len(settings)
+        self._pose_block, self._twist_block = _block(size, POSE), _block(size, TWIST)
         self._standstill = Standstill(layout.drive.roll_wheels, config.encoder_step, density)
-        self._at_rest = np.zeros((3, FIRST_BIAS + len(settings)))
+        self._at_rest = np.zeros((3, size))
         self._at_rest[:, TWIST] = np.eye(3)
         self._still, self._still_variance = np.zeros(3), REST_SIGMA**2
         self._reports = Reports()
@@ -276,24 +276,24 @@ class Odometer:
 
     def _move(self, rows: Measurements, usable: list[bool], seconds: float) -> Verdict:
         """Takes in what passes the gates."""
-        estimator, z, h, variance = self._filter, rows.z, rows.h, rows.at_once
+        estimator, z, h, noise = self._filter, rows.z, rows.h, rows.at_once
         first, whole = self._rows.wheels, all(usable)
         if not whole:
             first = sum(usable[:first])
-            z, h, variance = z[usable], h[usable], variance[usable]
+            z, h, noise = z[usable], h[usable], noise[np.ix_(usable, usable)]
         measured = estimator.expect(z, h)
         before = 1.0 + (self._pulled - 1.0) * math.exp(-seconds / SETTLING_S)
         judge = partial(gate, before=before, most=rows.most_pulled)
-        verdict = judge(measured.innovation, measured.spread, variance)
+        verdict = judge(measured.innovation, measured.spread, noise)
         heard, extra = verdict.accepted[first:], None
         if self._dispute.open or (heard and not any(heard)):
             off = measured.innovation
-            extra = self._disputed(z, h, variance, off, first=first, seconds=seconds)
+            extra = self._disputed(z, h, noise.diagonal(), off, first=first, seconds=seconds)
         else:
             self._dispute.settle(seconds)
         if extra is not None:
             measured = estimator.expect(z, h)
-            after = judge(measured.innovation, measured.spread, variance + extra)
+            after = judge(measured.innovation, measured.spread, noise + extra)
             # What gyros contradict is told as it was before.
             verdict = replace(
                 after,
@@ -303,12 +303,12 @@ class Odometer:
         self._pulled = verdict.pulled
         lasting = self._rows.widened(rows, verdict.pulled, seconds)
         if not whole:
-            lasting = lasting[usable]
+            lasting = lasting[np.ix_(usable, usable)]
         if extra is not None:
             lasting = lasting + extra
         if not all(verdict.accepted):
             kept = np.array(verdict.accepted)
-            measured, lasting = measured.only(kept), lasting[kept]
+            measured, lasting = measured.only(kept), lasting[np.ix_(kept, kept)]
         if len(lasting):
             estimator.correct(measured, lasting, learn_bias=False)
         return verdict
@@ -316,13 +316,16 @@ class Odometer:
     def _disputed(
         self, z: Floats, h: Floats, variance: Floats, off: Floats, *, first: int, seconds: float
     ) -> Floats | None:
-        """By what variances of those who are wrong are larger where gyros contradict all wheels.
+        """By what errors of those who are wrong are larger where gyros contradict all wheels.
 
         Args:
             z, h, variance: Of measurements.
             off: How far they are from what was predicted.
             first: Number of the first gyro among them.
             seconds: Of the step.
+
+        Returns:
+            Covariance that R lacks, shape (m, m).
         """
         # What the wheels say by themselves: what is predicted has followed who was believed.
         rows = h[:first, TWIST]
@@ -349,7 +352,7 @@ class Odometer:
         else:
             extra[first:] = UNHEARD
             self._filter.turn_back(self._dispute.turned_rad)
-        return extra
+        return np.diag(extra)
 
     def _rest(self, rows: Measurements, usable: list[bool], seconds: float) -> Verdict | None:
         """Takes the robot to stand still; ``None`` if a gyro contradicts."""
@@ -374,7 +377,7 @@ class Odometer:
             z = np.concatenate((z, rows.z[gyros]))
             h = np.concatenate((h, rows.h[gyros]))
             variance = np.concatenate((variance, [rows.white[each] for each in gyros]))
-        estimator.correct(estimator.expect(z, h), variance, learn_bias=True)
+        estimator.correct(estimator.expect(z, h), np.diag(variance), learn_bias=True)
         innovation = [*rows.values[:first], *off]
         spread = [*map(math.sqrt, rows.white[:first]), *sigma]
         if usable is not self._rows.every:
@@ -424,7 +427,7 @@ class Odometer:
         *,
         standing: bool,
     ) -> Odometry:
-        covariance, variances, size = estimate.covariance, estimate.variances, len(estimate.x)
+        covariance, variances = estimate.covariance, estimate.variances
         inputs = self._input_states(usable, verdict)
         reason = self._lost
         if any(map(gt, variances[TWIST], BLIND_VARIANCE)):
@@ -439,8 +442,8 @@ class Odometer:
             vx=vx,
             vy=vy,
             omega=omega,
-            pose_covariance=_submatrix(covariance, size, 0),
-            twist_covariance=_submatrix(covariance, size, 3),
+            pose_covariance=[*self._pose_block(covariance)],
+            twist_covariance=[*self._twist_block(covariance)],
             valid=not reason,
             reason=reason,
             age_s=max(newest - done, 0) / 1e9,
@@ -452,12 +455,7 @@ class Odometer:
                 )
             ],
             inputs=inputs,
-            slip=[
-                WheelSlip(name=name, along=along, across=across)
-                for name, (along, across) in zip(
-                    self._names, self._rows.slip(rows, vx, vy, omega), strict=True
-                )
-            ],
+            slip=self._rows.slip(rows, self._filter.x),
             excluded=self._excluded,
             discarded={
                 f"{source}: {why}": count for (source, why), count in self._alignment.counts.items()
@@ -575,14 +573,9 @@ class Odometer:
         self._lost_until = after + ANEW_NS
 
 
-def _submatrix(covariance: list[float], size: int, first: int) -> list[float]:
-    """Three rows and columns of a square matrix, row by row, from its numbers, row by row."""
-    at = first * (size + 1)
-    return [
-        *covariance[at : at + 3],
-        *covariance[at + size : at + size + 3],
-        *covariance[at + 2 * size : at + 2 * size + 3],
-    ]
+def _block(size: int, block: slice) -> Callable[[Sequence[float]], tuple[float, ...]]:
+    """Takes rows and columns out of a square matrix, row by row, from its numbers, row by row."""
+    return itemgetter(*np.arange(size * size).reshape(size, size)[block, block].ravel().tolist())
 
 
 def _pose_unknown(reason: str) -> Complaint:

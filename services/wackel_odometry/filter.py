@@ -40,7 +40,7 @@ class Expected(Struct, frozen=True, gc=False):
     Attributes:
         innovation: How far they are off it, shape (m,).
         seen: Covariance of them and the state, H P, shape (m, 6 + g).
-        spread: Of them, without their own variances, H P Hᵀ, shape (m, m).
+        spread: Of them, without their own errors, H P Hᵀ, shape (m, m).
     """
 
     innovation: Floats
@@ -58,15 +58,12 @@ class Estimate(Struct, frozen=True, gc=False):
     Attributes:
         x: The state, as :class:`PlanarFilter` orders it: 6 + g numbers in m, rad and their rates.
         covariance: Of it, row by row: (6 + g)² numbers.
+        variances: Of each number of the state.
     """
 
     x: list[float]
     covariance: list[float]
-
-    @property
-    def variances(self) -> list[float]:
-        """Of each number of the state."""
-        return self.covariance[:: len(self.x) + 1]
+    variances: list[float]
 
     @property
     def sound(self) -> bool:
@@ -76,20 +73,6 @@ class Estimate(Struct, frozen=True, gc=False):
             and min(self.variances) >= 0.0
             and max(map(abs, self.x[TWIST])) < FASTEST
         )
-
-
-def with_variance(spread: Floats, variance: Floats) -> Floats:
-    """S = H P Hᵀ + R, of what is predicted and of errors that are independent.
-
-    Args:
-        spread: Shape (m, m); stays as it is.
-        variance: Diagonal of R, shape (m,).
-    """
-    s = spread.copy()
-    # In place: += of a slice would assign it once more.
-    diagonal = s.reshape(-1)[:: len(s) + 1]
-    diagonal += variance
-    return s
 
 
 def whitening(s: Floats) -> Floats:
@@ -120,8 +103,9 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         size = FIRST_BIAS + len(bias_sigma)
         super().__init__(dim_x=size, dim_z=1)
         self._bias_variance = np.square(bias_sigma)
-        walk = [0.0] * 3 + [*AGILITY.tolist(), *(bias_stability**2 / BIAS_TIME_S).tolist()]
-        self._walk = [(at, density) for at, density in enumerate(walk) if density]
+        self._walk = np.diag(
+            np.concatenate([np.zeros(3), AGILITY, np.square(bias_stability) / BIAS_TIME_S])
+        )
         self.seconds = 0.0
         self.restart()
 
@@ -184,9 +168,7 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         f[0, 3], f[0, 4], f[0, 5] = cos, -sin, -dy * dt / 2
         f[1, 3], f[1, 4], f[1, 5] = sin, cos, dx * dt / 2
         f[2, 5] = dt
-        # Few enough that Python is faster with them than numpy.
-        for at, density in self._walk:
-            self.P[at, at] += density * dt
+        self.P += dt * self._walk
 
     def expect(self, z: Floats, h: Floats) -> Expected:
         """Holds measurements against the state.
@@ -198,7 +180,7 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         seen = h.dot(self.P)
         return Expected(z - h.dot(self.x), seen, seen.dot(h.T))
 
-    def correct(self, measured: Expected, variance: Floats, learn_bias: bool) -> None:
+    def correct(self, measured: Expected, noise: Floats, learn_bias: bool) -> None:
         """Takes in measurements.
 
         Where they may not change the biases, these are considered instead (Schmidt): their
@@ -207,12 +189,11 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
 
         Args:
             measured: As the present state expects them.
-            variance: Of each, shape (m,).
+            noise: Covariance of their errors, R, shape (m, m).
             learn_bias: Whether they may change the biases.
         """
         seen = measured.seen
-        s = with_variance(measured.spread, variance)
-        white = whitening(s)
+        white = whitening(measured.spread + noise)
         root = white.dot(seen)
         change = white.dot(measured.innovation).dot(root)
         # K S Kᵀ for the optimal gain; a matrix by itself is symmetric to the last digit, for ever.
@@ -226,4 +207,5 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
 
     def estimate(self) -> Estimate:
         """The state as it is now."""
-        return Estimate(self.x.tolist(), self.P.ravel().tolist())
+        covariance: list[float] = self.P.ravel().tolist()
+        return Estimate(self.x.tolist(), covariance, covariance[:: self.dim_x + 1])

@@ -7,7 +7,7 @@ import numpy as np
 from msgspec import Struct
 
 from wackel_kinematics.array import Floats
-from wackel_odometry.filter import whitening, with_variance
+from wackel_odometry.filter import whitening
 
 GATE = 16.0
 """Square of the 4 standard deviations at which a measurement is rejected (facts: y² < 16 S): of
@@ -43,7 +43,7 @@ class Verdict(Struct, frozen=True, gc=False):
 def gate(
     innovation: Floats,
     spread: Floats,
-    variance: Floats,
+    noise: Floats,
     *,
     before: float = 1.0,
     most: float = 1.0,
@@ -63,11 +63,11 @@ def gate(
     Args:
         innovation: Measurements less what is predicted, y, shape (m,).
         spread: Covariance of what is predicted of them, H P Hᵀ, shape (m, m).
-        variance: Of the measurements, diagonal of R, shape (m,).
+        noise: Of their errors, R, shape (m, m).
         before: By how much larger variances have been of late, as a factor.
         most: And at most may be.
     """
-    s = with_variance(spread, variance)
+    s = spread + noise
     told = _left_out(s, innovation)
     count = len(innovation)
     pulled = 1.0

@@ -23,6 +23,7 @@ from wackel_node.config_drive import DriveConfig, GyroConfig
 from wackel_odometry.filter import FIRST_BIAS, OMEGA, TWIST
 from wackel_odometry.slip import LASTS_S, Slip
 from wackel_schemas import component
+from wackel_schemas.drive import WheelSlip
 
 SAME_MOTION_S = 3.0
 """For how long a robot moves in the same way: time in which systematic errors count once. With it,
@@ -46,8 +47,8 @@ class Measurements(Struct, frozen=True, gc=False):
         z: The same, shape (m,).
         h: Rows on the state, shape (m, 6 + g).
         white: Variance of the white errors.
-        at_once: Of all errors in this step, but of slip, shape (m,).
-        lasting: Of all errors, with which those that stay count once in that time, shape (m,).
+        at_once: Covariance of all errors in this step, but of slip, R, shape (m, m).
+        lasting: The same of all errors, with which those that stay count once in that time.
         most_pulled: By how much larger errors of wheels may be at most where these pull each other,
             as a factor, at least 1.
         present: Which have a value.
@@ -87,15 +88,18 @@ class Rows:
         self.rolls = range(len(slides), self.wheels)
         slide_of = dict(zip(slides, range(len(slides)), strict=True))
         roll_of = dict(zip(rolls, self.rolls, strict=True))
-        self._slide_and_roll = [(slide_of.get(i), roll_of.get(i)) for i in range(drive.n)]
+        # Name, slide row and roll row.
+        self._of_wheel = [
+            (name, slide_of.get(i), roll_of.get(i)) for i, name in enumerate(layout.names)
+        ]
         self._rows_of_wheel = [
-            [row for row in both if row is not None] for both in self._slide_and_roll
+            [row for row in both if row is not None] for _, *both in self._of_wheel
         ]
         self._by_component = {
             **{component.gyro(name): [self.wheels + i] for i, name in enumerate(gyros)},
             **{
                 component.wheel_drive(name): [] if roll is None else [roll]
-                for name, (_, roll) in zip(layout.names, self._slide_and_roll, strict=True)
+                for name, _, roll in self._of_wheel
             },
             **{
                 component.wheel_steering(name): rows
@@ -128,7 +132,9 @@ class Rows:
         self._all_roll = min(self._roll_of_slide, default=0) >= 0
         self._slip = Slip(layout)
         count = len(self.names)
-        self._pack = struct.Struct(f"{3 * count}d").pack
+        # Variances are set apart, so that they are the diagonals of matrices.
+        diagonal = f"{8 * count}x".join("d" * count)
+        self._pack = struct.Struct(f"={count}d{diagonal}{diagonal}").pack
         self._pack_turns = struct.Struct(f"{2 * drive.n + 1}d").pack
         self.every = [True] * count
         # Each row is so much of the cosine of its wheel's heading, so much of the sine, or itself.
@@ -186,7 +192,7 @@ class Rows:
             lasting[i] += creep
         values = [*self._no_slides, *rolled, *turning]
         # Twice as fast as to make arrays of lists.
-        both = np.frombuffer(self._pack(*values, *at_once, *lasting))
+        packed = np.frombuffer(self._pack(*values, *at_once, *lasting)).reshape(-1, count)
         # By what a row that moves hardly is off at least.
         most_pulled = 1.0 + self._slip.pull(sliding, turned, dt) / CREEP**2
         unknown = [] if whole else [i for i, at in enumerate(heading) if not math.isfinite(at)]
@@ -199,11 +205,11 @@ class Rows:
             ]
         return Measurements(
             values,
-            both[:count],
+            packed[0],
             h,
             white,
-            both[count : 2 * count],
-            both[2 * count :],
+            packed[1 : count + 1],
+            packed[count + 1 :],
             most_pulled,
             present,
         )
@@ -221,7 +227,7 @@ class Rows:
         return h
 
     def widened(self, measurements: Measurements, pulled: float, seconds: float) -> Floats:
-        """The lasting variance with the slip of wheels that pull each other, shape (m,).
+        """The lasting errors with the slip of wheels that pull each other: R, shape (m, m).
 
         Args:
             measurements: Of a step.
@@ -244,22 +250,19 @@ class Rows:
             for row, velocity in zip(self._roll_of_slide, contact, strict=True)
         ]
 
-    def slip(
-        self, measurements: Measurements, vx: float, vy: float, omega: float
-    ) -> list[tuple[float | None, float | None]]:
-        """(along, across) of each wheel in m/s at a twist; ``None`` where it is not known."""
-        rolled, h = measurements.values, measurements.h[: self.wheels, TWIST].tolist()
-        moved = [x * vx + y * vy + turn * omega for x, y, turn in h]
-        slips = [
-            (
-                None if roll is None else rolled[roll] - moved[roll],
-                None if slide is None else moved[slide],
-            )
-            for slide, roll in self._slide_and_roll
-        ]
-        if math.isfinite(sum(moved) + sum(rolled)):
-            return slips
-        return [(_number(along), _number(across)) for along, across in slips]
+    def slip(self, measurements: Measurements, x: Floats) -> list[WheelSlip]:
+        """How each wheel slips at a state, as :mod:`wackel_odometry.filter` orders it."""
+        rolled, moved = measurements.values, measurements.h.dot(x).tolist()
+        # One sum tells whether anything is missing, which is rare.
+        known = math.isfinite(sum(moved) + sum(rolled))
+        slips = []
+        for name, slide, roll in self._of_wheel:
+            along = None if roll is None else rolled[roll] - moved[roll]
+            across = None if slide is None else moved[slide]
+            if not known:
+                along, across = _number(along), _number(across)
+            slips.append(WheelSlip(name=name, along=along, across=across))
+        return slips
 
 
 def blocked(rows: Rows, components: Collection[str]) -> list[bool]:

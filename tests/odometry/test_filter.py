@@ -62,7 +62,7 @@ def test_a_correction_is_that_of_filterpy() -> None:
     estimator, z, h, variance = prior()
     reference = copy.deepcopy(estimator)
     reference.update(z, lambda _: h, lambda x: h @ x, R=np.diag(variance))
-    estimator.correct(estimator.expect(z, h), variance, learn_bias=True)
+    estimator.correct(estimator.expect(z, h), np.diag(variance), learn_bias=True)
     assert estimator.x == pytest.approx(reference.x)
     np.testing.assert_allclose(estimator.P, reference.P)
 
@@ -73,7 +73,7 @@ def test_considering_the_bias_is_josephs_form_with_its_gain_left_out() -> None:
     gain = covariance @ h.T @ np.linalg.inv(h @ covariance @ h.T + np.diag(variance))
     gain[FIRST_BIAS:] = 0.0
     rest = np.eye(7) - gain @ h
-    estimator.correct(estimator.expect(z, h), variance, learn_bias=False)
+    estimator.correct(estimator.expect(z, h), np.diag(variance), learn_bias=False)
     assert estimator.x == pytest.approx(x + gain @ (z - h @ x))
     joseph = rest @ covariance @ rest.T + gain * variance @ gain.T
     np.testing.assert_allclose(estimator.P, joseph)
@@ -90,13 +90,11 @@ def test_while_the_robot_moves_its_wheels_cannot_bend_the_bias() -> None:
         estimator.seconds = DT
         estimator.predict()
         estimator.correct(
-            estimator.expect(np.array([0.05, 0.0]), h), np.array([1e-6, 1e-6]), learn_bias=False
+            estimator.expect(np.array([0.05, 0.0]), h), 1e-6 * np.eye(2), learn_bias=False
         )
     assert estimator.x[FIRST_BIAS] == 0.0
     assert estimator.P[FIRST_BIAS, FIRST_BIAS] >= BIAS_SIGMA**2
-    estimator.correct(
-        estimator.expect(np.array([0.05, 0.0]), h), np.array([1e-6, 1e-6]), learn_bias=True
-    )
+    estimator.correct(estimator.expect(np.array([0.05, 0.0]), h), 1e-6 * np.eye(2), learn_bias=True)
     assert estimator.x[FIRST_BIAS] == pytest.approx(0.05, rel=0.01)
 
 
@@ -109,7 +107,7 @@ def test_a_bias_learned_at_rest_mends_the_heading_that_it_has_bent() -> None:
         estimator.seconds = DT
         estimator.predict()
         estimator.correct(
-            estimator.expect(np.array([0.05]), gyro), np.array([1e-8]), learn_bias=False
+            estimator.expect(np.array([0.05]), gyro), np.diag([1e-8]), learn_bias=False
         )
     assert estimator.x[2] == pytest.approx(0.05, rel=0.05)
     rest = np.zeros((1, 7))
@@ -117,7 +115,7 @@ def test_a_bias_learned_at_rest_mends_the_heading_that_it_has_bent() -> None:
     estimator.predict()
     both = np.concatenate([rest, gyro])
     estimator.correct(
-        estimator.expect(np.array([0.0, 0.05]), both), np.array([1e-10, 1e-8]), learn_bias=True
+        estimator.expect(np.array([0.0, 0.05]), both), np.diag([1e-10, 1e-8]), learn_bias=True
     )
     assert estimator.x[FIRST_BIAS] == pytest.approx(0.05, rel=0.05)
     assert estimator.x[2] == pytest.approx(0.0, abs=0.005)
@@ -164,7 +162,7 @@ def test_errors_are_as_large_as_the_covariance_says() -> None:
             innovation = z - h @ estimator.x
             expected = h @ estimator.P @ h.T + np.diag(variance)
             nis.append(float(innovation @ np.linalg.solve(expected, innovation)))
-            estimator.correct(estimator.expect(z, h), variance, learn_bias=True)
+            estimator.correct(estimator.expect(z, h), np.diag(variance), learn_bias=True)
         error = estimator.x - truth
         nees.append(float(error @ np.linalg.solve(estimator.P, error)))
     # χ² of k degrees of freedom has mean k and variance 2 k; 3.29 σ are 99.9 %.
