@@ -465,22 +465,28 @@ class Odometer:
 
     def _input_states(self, usable: list[bool], verdict: Verdict) -> list[InputState]:
         judged = zip(verdict.accepted, verdict.innovation, verdict.sigma, strict=True)
-        states = []
-        for i, (name, used) in enumerate(zip(self._rows.names, usable, strict=True)):
-            if not used:
-                result: Result = "missing" if self._allowed[i] else "excluded"
-                state = InputState(name=name, result=result, rejections=self._rejections[i])
-            else:
-                accepted, innovation, sigma = next(judged)
-                self._rejections[i] += not accepted
-                state = InputState(
+        missing = False, None, None
+        told = judged if all(usable) else [next(judged) if used else missing for used in usable]
+        states, rejections = [], self._rejections
+        for i, (name, (accepted, innovation, sigma)) in enumerate(
+            zip(self._rows.names, told, strict=True)
+        ):
+            result: Result = "used"
+            if not accepted:
+                if usable[i]:
+                    rejections[i] += 1
+                    result = "rejected"
+                else:
+                    result = "missing" if self._allowed[i] else "excluded"
+            states.append(
+                InputState(
                     name=name,
-                    result="used" if accepted else "rejected",
+                    result=result,
                     innovation=innovation,
                     sigma=sigma,
-                    rejections=self._rejections[i],
+                    rejections=rejections[i],
                 )
-            states.append(state)
+            )
         return states
 
     def _place(self, pose: Floats, position_sigma: float, heading_sigma: float) -> None:

@@ -30,6 +30,7 @@ SAME_MOTION_S = 3.0
 the pose on random paths is as far off as its covariance says."""
 CREEP = 0.002
 """m/s by which a wheel may creep sideways, whatever its speed."""
+_CREEPS = CREEP**2
 TURNING_LAG_S = 0.001
 """Time between the readings of drive and steering within one answer to a sync read."""
 SLIPPING = 0.05
@@ -137,6 +138,7 @@ class Rows:
         self._pack = struct.Struct(f"={count}d{diagonal}{diagonal}").pack
         self._pack_turns = struct.Struct(f"{2 * drive.n + 1}d").pack
         self.every = [True] * count
+        self._slips = [1.0] * self.wheels + [0.0] * len(gyros)
         # Each row is so much of the cosine of its wheel's heading, so much of the sine, or itself.
         h = np.zeros((2 * drive.n + 1, count, FIRST_BIAS + len(gyros)))
         rows, wheels = np.arange(self.wheels), drive.row_wheels
@@ -145,7 +147,7 @@ class Rows:
         )
         for i in range(len(gyros)):
             h[-1, self.wheels + i, [OMEGA, FIRST_BIAS + i]] = 1.0
-        self._by_heading = h.reshape(len(h), -1)
+        self._by_heading, self._shape = h.reshape(len(h), -1), h.shape[1:]
 
     def of_component(self, path: str) -> list[int] | None:
         """Rows that a component spoils; ``None`` if there is no such component."""
@@ -172,29 +174,31 @@ class Rows:
             sliding = [abs(rolled[row]) for row in self._roll_of_slide]
         else:
             sliding = self._sliding(rolled, twist)
-        late = TURNING_LAG_S / dt
+        late, rate = TURNING_LAG_S / dt, 1.0 / dt
         lag = [
             0.0 if wheel is None else speed * turned[wheel] * late
             for speed, wheel in zip(sliding, self._lagging, strict=True)
         ]
-        white = [CREEP**2 + each * each for each in lag]
-        white += [each / dt**2 for each in self._quantum]
-        white += [each / dt for each in self._density]
+        white = [_CREEPS + each * each for each in lag]
+        per_s2 = rate * rate
+        white += [each * per_s2 for each in self._quantum]
+        white += [each * rate for each in self._density]
         shares = self._slipping_share if slipping else self._share
         moved = (*sliding, *rolled, *turning)
         systematic = [share * each * each for share, each in zip(shares, moved, strict=True)]
         # Counted once already.
-        stays = max(SAME_MOTION_S / dt, 1.0) - 1.0
-        creep = self._slip.creep(twist, dt) * max(LASTS_S / dt, 1.0)
+        stays = max(SAME_MOTION_S * rate, 1.0) - 1.0
+        creep = self._slip.creep(twist, dt) * max(LASTS_S * rate, 1.0)
         at_once = [*map(add, white, systematic)]
-        lasting = [each + stays * same for each, same in zip(at_once, systematic, strict=True)]
-        for i in range(self.wheels):
-            lasting[i] += creep
+        lasting = [
+            each + stays * same + creep * slips
+            for each, same, slips in zip(at_once, systematic, self._slips, strict=True)
+        ]
         values = [*self._no_slides, *rolled, *turning]
         # Twice as fast as to make arrays of lists.
         packed = np.frombuffer(self._pack(*values, *at_once, *lasting)).reshape(-1, count)
         # By what a row that moves hardly is off at least.
-        most_pulled = 1.0 + self._slip.pull(sliding, turned, dt) / CREEP**2
+        most_pulled = 1.0 + self._slip.pull(sliding, turned, dt) / _CREEPS
         unknown = [] if whole else [i for i, at in enumerate(heading) if not math.isfinite(at)]
         h = self._rows_along(heading, unknown)
         present = self.every
@@ -221,7 +225,7 @@ class Rows:
             heading[i] = 0.0
         turns = (*map(math.cos, heading), *map(math.sin, heading), 1.0)
         h: Floats = np.frombuffer(self._pack_turns(*turns)).dot(self._by_heading)
-        h = h.reshape(len(self.names), -1)
+        h = h.reshape(self._shape)
         for i in unknown:
             h[self._rows_of_wheel[i], TWIST] = math.nan
         return h

@@ -79,7 +79,8 @@ class Slip:
         fade, rate, total = math.exp(-seconds / SETTLING_S), STEERING_S / seconds, 0.0
         behind = self._behind
         for row, wheel in self._steered:
-            # The first of the two if the other is not known.
-            behind[wheel] = max(fade * behind[wheel], rate * abs(turned[wheel]))
-            total += (sliding[row] * behind[wheel]) ** 2
+            was, now = fade * behind[wheel], rate * abs(turned[wheel])
+            # What it was if it is not known how far it has turned.
+            behind[wheel] = most = now if now > was else was
+            total += (sliding[row] * most) ** 2
         return PULLED**2 * total / len(self._steered) if total else 0.0

@@ -41,7 +41,7 @@ class TimeOffset:
     """Estimates it for one gyro."""
 
     def __init__(self) -> None:
-        self._open = _Block(0.0, 0.0, 0.0)
+        self._seconds = self._wheels = self._gyro = 0.0  # of the block that is not whole yet
         self._blocks: list[_Block] = []
         # Normal equations of d, k and b: the upper triangle, row by row, then their right side, and
         # the square of what they are to explain. For three numbers, Python is faster than numpy.
@@ -53,17 +53,16 @@ class TimeOffset:
     def add(self, seconds: float, wheels: float, gyro: float) -> None:
         """Mean yaw rates of a step, rad/s; not a number where one is not known."""
         if not (math.isfinite(wheels) and math.isfinite(gyro)):
-            self._open = _Block(0.0, 0.0, 0.0)
+            self._seconds = self._wheels = self._gyro = 0.0
             self._blocks.clear()
             return
-        now = self._open
-        self._open = _Block(
-            now.seconds + seconds, now.wheels + wheels * seconds, now.gyro + gyro * seconds
-        )
-        if self._open.seconds < BLOCK_S:
+        self._seconds += seconds
+        self._wheels += wheels * seconds
+        self._gyro += gyro * seconds
+        if self._seconds < BLOCK_S:
             return
-        self._blocks.append(self._open)
-        self._open = _Block(0.0, 0.0, 0.0)
+        self._blocks.append(_Block(self._seconds, self._wheels, self._gyro))
+        self._seconds = self._wheels = self._gyro = 0.0
         if len(self._blocks) == 3:
             self._learn(*self._blocks)
             del self._blocks[0]
