@@ -69,22 +69,21 @@ def gate(
     """
     s = spread + noise
     told = _left_out(s, innovation)
-    count = len(innovation)
+    alone, own, count = told.alone, told.own, len(innovation)
     pulled = 1.0
     if most > 1.0 and (spare := count - 1 - TOLD) > 0:
-        left = (float(innovation.dot(told.weight)) - max(told.squares)) / spare
+        left = (float(innovation.dot(told.weight)) - told.farthest) / spare
         if left < 1.0 + CHANCE * math.sqrt(2.0 / spare):
             left = 1.0
         pulled = max(min(max(left, before), most), 1.0)
-    alone, own, kept = told.alone, told.own, list(range(count))
-    while told.squares and (farthest := max(told.squares)) > GATE * pulled:
-        del kept[told.squares.index(farthest)]
-        told = _left_out(s[np.ix_(kept, kept)], innovation[kept])
-        for at, apart, known in zip(kept, told.alone, told.own, strict=True):
-            alone[at], own[at] = apart, known
-    accepted = [True] * count
-    if len(kept) < count:
-        accepted = [at in kept for at in range(count)]
+    accepted, limit = [True] * count, GATE * pulled
+    if told.farthest > limit:
+        kept = list(range(count))
+        while told.farthest > limit:
+            accepted[kept.pop(told.squares.index(told.farthest))] = False
+            told = _left_out(s[np.ix_(kept, kept)], innovation[kept])
+            for at, apart, known in zip(kept, told.alone, told.own, strict=True):
+                alone[at], own[at] = apart, known
     return Verdict(accepted, alone, [math.sqrt(pulled / each) for each in own], pulled)
 
 
@@ -96,17 +95,19 @@ class _LeftOut(Struct, frozen=True, gc=False):
         own: Diagonal of S⁻¹: one over the variance of the next.
         alone: Innovation of each given all others.
         squares: Of these by their variances.
+        farthest: The greatest of them; 0 if there is none.
     """
 
     weight: Floats
     own: list[float]
     alone: list[float]
     squares: list[float]
+    farthest: float
 
 
 def _left_out(s: Floats, y: Floats) -> _LeftOut:
     if not len(y):
-        return _LeftOut(y, [], [], [])
+        return _LeftOut(y, [], [], [], 0.0)
     white = whitening(s)
     inverse = white.T.dot(white)
     weight = inverse.dot(y)
@@ -115,4 +116,5 @@ def _left_out(s: Floats, y: Floats) -> _LeftOut:
     if min(own) < LEAST_OWN:
         own = [max(each, LEAST_OWN) for each in own]
     alone = [*map(truediv, weights, own)]
-    return _LeftOut(weight, own, alone, [*map(mul, weights, alone)])
+    squares = [*map(mul, weights, alone)]
+    return _LeftOut(weight, own, alone, squares, max(squares))
