@@ -14,7 +14,8 @@ is a sum of constant shares of the cosine and the sine of the wheel's heading α
 
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 
@@ -155,7 +156,7 @@ class Drive:
             both += map(math.cos, each)
             both += map(math.sin, each)
         # In half the time of an array of them.
-        turns = np.frombuffer(struct.pack(f"{len(both)}d", *both))
+        turns = np.frombuffer(_pack(len(both))(*both))
         return self._turned(turns.reshape(len(headings), -1))
 
     def many_known_rows(self, headings: Floats) -> Floats:
@@ -199,6 +200,12 @@ class Drive:
         """Scaled rows of length 1: normals of the planes in velocity space (section 3.1)."""
         scaled = self.scaled(rows)
         return scaled / np.sqrt(dot(scaled, scaled))[..., None]
+
+
+@cache
+def _pack(count: int) -> Callable[..., bytes]:
+    """Puts so many numbers side by side."""
+    return struct.Struct(f"{count}d").pack
 
 
 def _frozen(values: Sequence[object]) -> Floats:

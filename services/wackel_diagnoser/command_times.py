@@ -4,7 +4,7 @@ Busy computers and networks lose some. Which way round a wheel turns depends on 
 the drive got, so after a missing one it may not be known.
 """
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 
 FRESH_NS = 500_000_000
 """A command older than this is no longer what drives the robot."""
@@ -20,9 +20,14 @@ TURNING_RAD_S = 2.0
 
 
 class CommandTimes:
-    """Follows their stamps, UTC ns."""
+    """Follows their stamps, UTC ns.
 
-    def __init__(self) -> None:
+    Args:
+        steered: Numbers of the wheels that steer.
+    """
+
+    def __init__(self, steered: Sequence[int]) -> None:
+        self._steered = steered
         self._latest: int | None = None
         self._interval = 0.0  # from one command to the next as a rule, ns
         self._begun = 0  # up to here commands have been followed
@@ -55,19 +60,19 @@ class CommandTimes:
         """From here on it is not known which way round wheels turn."""
         self._doubtful = begin
 
-    def is_known(self, begin: int, turned: Iterable[float], seconds: float) -> bool:
+    def is_known(self, begin: int, turned: Sequence[float], seconds: float) -> bool:
         """Whether it is known what drives the robot in a step.
 
         Args:
             begin: Of the step.
-            turned: How far each steering turned meanwhile, rad; NaN if unknown.
+            turned: How far each wheel was steered meanwhile, rad; NaN if unknown.
             seconds: How long it took.
         """
         if self._latest is None or not 0 <= begin - self._latest <= FRESH_NS:
             return False
         if self._doubtful is not None:
             for_ns, most = begin - self._doubtful, TURNING_RAD_S * seconds
-            rests = all(abs(each) < most for each in turned)
+            rests = all(abs(turned[i]) < most for i in self._steered)
             if not 0 <= for_ns < DOUBTFUL_NS and (rests or not 0 <= for_ns < LONGEST_NS):
                 self._doubtful = None
         return self._doubtful is None

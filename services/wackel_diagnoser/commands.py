@@ -62,8 +62,7 @@ class CommandWatch:
     def look(self, command: TwistCommand) -> Complaint | None:
         """What is wrong with a command, which holds from its stamp on."""
         vx, vy, omega = command.vx, command.vy, command.omega
-        seconds = min(max(command.stamp - self._stamp, 0) / 1e9, LASTING_S)
-        self._stamp = command.stamp
+        before_ns, self._stamp = self._stamp, command.stamp
         size = math.hypot(vx, vy, self._length_m * omega)
         for i, (a, b, c) in self._fixed:
             sideways = abs(a * vx + b * vy + c * omega)
@@ -104,6 +103,7 @@ class CommandWatch:
         elif self._singular is None or self._singular[0] != singular:
             self._singular = singular, 0.0
         else:
+            seconds = min(max(command.stamp - before_ns, 0) / 1e9, LASTING_S)
             self._singular = singular, self._singular[1] + seconds
             if self._singular[1] >= LASTING_S:
                 return Complaint("command_singular", "", singular)

@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 
-from wackel_diagnoser.pace import Pace
 from wackel_kinematics.array import Floats
 
 LAGS_S = np.array([0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.05, 0.065, 0.08, 0.1, 0.12, 0.16, 0.2])
@@ -63,7 +62,7 @@ class DriveLags:
         self._since_choice = 0.0
         self._told_s = [0.0, 0.0]  # of driving that told of each
         self.learnt = [False, False]
-        self._pace, self._uneven = Pace(), 0.0  # of the last step, as a share
+        self._uneven = 0.0  # of the last step, as a share
 
     def begin(self, state: list[float]) -> None:
         """All drives are here, rad and m/s, shape (wheels + rolls,)."""
@@ -86,18 +85,19 @@ class DriveLags:
         self._misses[0] = self._told_s[0] = self._since_choice = 0.0
         self.learnt[0] = False
 
-    def follow(self, goal: list[float], seconds: float, most: float) -> None:
+    def follow(self, goal: list[float], seconds: float, most: float, off_s: float) -> None:
         """A step has passed.
 
         Args:
             goal: What drives were told, rad and m/s, shape (wheels + rolls,).
             seconds: How long it took.
             most: By how much a steering can turn meanwhile, rad.
+            off_s: By how much the step is longer than most, as far as its stamps may be wrong.
         """
         if len(self._waiting) >= MOST_WAITING:
             self._move()
         self._waiting.append((goal, seconds, most))
-        self._uneven = self._pace.off_s(seconds) / seconds
+        self._uneven = off_s / seconds
 
     def learn(
         self, shown: list[float], learnt_s: float, tells: tuple[bool, bool], *, slowed: bool
@@ -113,10 +113,12 @@ class DriveLags:
             slowed: Whether wheels slow each other.
         """
         values, middle = np.array(shown)[:, None], self._move()
-        off = np.where(np.isfinite(values), values - middle, 0.0)
+        known = np.isfinite(values)
+        off = np.where(known, values - middle, 0.0)
         squares = np.minimum(off * off, 0.01)
         _, rolls = self._parts
-        squares[rolls] /= 1.0 + (self._uneven / UNEVEN_M_S * np.nan_to_num(values[rolls])) ** 2
+        uneven = self._uneven / UNEVEN_M_S * np.where(known[rolls], values[rolls], 0.0)
+        squares[rolls] /= 1.0 + uneven * uneven
         fade = 1.0 - learnt_s / MEMORY_S
         added = self._kinds @ squares
         for kind, told in enumerate(tells):

@@ -20,6 +20,7 @@ LONG_S = 20.0
 """For what is usual."""
 LEAST = 0.005
 """A, or share of the greatest load: resolution of the reading."""
+_LEAST_SQUARE = LEAST**2
 STALE_NS = 100_000_000
 """A current that is older is that of a servo that does not answer."""
 MOST = 1e3
@@ -175,7 +176,7 @@ class Efforts:
             return self._unknown
         return np.array(
             [
-                square / max(usual, LEAST**2)
+                square / (_LEAST_SQUARE if usual < _LEAST_SQUARE else usual)
                 for square, usual in zip(squares, self._usual, strict=True)
             ]
         )

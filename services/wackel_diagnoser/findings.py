@@ -180,14 +180,15 @@ class Findings:
     def _finding(
         self, code: str, path: str, summary: str, words: dict[str, str] | None = None
     ) -> Finding:
-        posterior = self._sequential.posterior()
+        posterior = self._sequential.posterior().tolist()
         hypotheses, verdicts = self._hypotheses, self._verdicts
-        here = float(posterior[hypotheses.members[self._sequential.verdict]].sum())
+        here = sum(posterior[i] for i in hypotheses.members[self._sequential.verdict])
         others = [
-            (float(posterior[i]), name)
-            for i in hypotheses.singles.tolist()
+            (posterior[i], name)
+            for i in hypotheses.singles
+            if posterior[i] > LIKELY
             for name in hypotheses.each[i].components
-            if posterior[i] > LIKELY and name != path
+            if name != path
         ]
         values: dict[str, float | int | str] = {"probability": round(here, 4)}
         small = self._small.found

@@ -1,6 +1,7 @@
 """The last seconds of each wheel, to call a fault by its row of the paper's table 1."""
 
 import math
+from itertools import pairwise
 from struct import Struct
 
 import numpy as np
@@ -40,7 +41,8 @@ class History:
 
     def __init__(self, layout: Layout) -> None:
         n, rolls = layout.drive.n, len(layout.drive.roll_wheels)
-        self._ends = np.cumsum([1, n, n, rolls]).tolist()
+        ends = np.cumsum([1, n, n, rolls, rolls]).tolist()
+        self._columns = [slice(a, b) for a, b in pairwise(ends)]
         step = Struct(f"{1 + 2 * n + 2 * rolls}d")
         self._pack_into, self._size = step.pack_into, step.size
         # Those that have not been yet ended before all others.
@@ -70,9 +72,11 @@ class History:
         _, _, speed, rolled = self._since(since)
         should = np.abs(speed[:, roll])
         driven = should > DRIVING_M_S
-        if not driven.any():
+        count = np.count_nonzero(driven)
+        if not count:
             return None
-        return float((np.abs(rolled[:, roll]) < STANDING * should)[driven].mean())
+        stood = driven & (np.abs(rolled[:, roll]) < STANDING * should)
+        return np.count_nonzero(stood) / count
 
     def steering_frozen(self, wheel: int, since: int) -> bool:
         """Whether a steering stood although it was told to move."""
@@ -91,7 +95,8 @@ class History:
         should have, rad, shape (k, n); and at which speed each roll row's should have rolled and
         did, m/s."""
         steps = np.frombuffer(self._buffer).reshape(MOST_STEPS, -1)
-        return np.split(steps[steps[:, 0] >= since], self._ends, axis=1)[1:]
+        steps = steps[steps[:, 0] >= since]
+        return [steps[:, each] for each in self._columns]
 
 
 def _known(values: Floats) -> Floats:

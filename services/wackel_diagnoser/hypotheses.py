@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from wackel_drive.layout import Layout
-from wackel_kinematics.array import Bools, Floats, Ints
+from wackel_kinematics.array import Bools, Floats
 from wackel_node.config_drive import GyroConfig
 from wackel_schemas import component
 
@@ -65,7 +65,7 @@ class Hypotheses:
         prior: Logarithms of their prior probabilities, shape (K,).
         spread: Squares of the factors by which they widen rows, in units of
             :attr:`Measured.size <wackel_diagnoser.rows.Measured>`, shape (K, M).
-        singles: Numbers of those with one component, shape (s,).
+        singles: Numbers of those with one component.
         explanations: The sets of components, the first empty.
         explanation: Which of them each hypothesis names.
         members: The hypotheses that name each.
@@ -133,8 +133,10 @@ class Hypotheses:
         self.explanations = tuple(dict.fromkeys(hypothesis.components for hypothesis in each))
         self.explanation = [self.explanations.index(h.components) for h in each]
         numbers = np.array(self.explanation)
-        self.members = [np.flatnonzero(numbers == i) for i in range(len(self.explanations))]
-        self.singles: Ints = np.flatnonzero([len(h.components) == 1 for h in each])
+        self.members: list[list[int]] = [
+            np.flatnonzero(numbers == i).tolist() for i in range(len(self.explanations))
+        ]
+        self.singles = [number for number, h in enumerate(each) if len(h.components) == 1]
 
     def place(self, path: str) -> tuple[Literal["drive", "steering"], int] | None:
         """Part and wheel of a component; ``None`` if it is not of a wheel."""

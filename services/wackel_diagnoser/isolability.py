@@ -89,7 +89,7 @@ class Isolability:
     def faults(self) -> list[str]:
         """Components of wheels and gyros, as the diagnoser names them."""
         hypotheses = self._hypotheses
-        names = [hypotheses.each[i].components[0] for i in hypotheses.singles.tolist()]
+        names = [hypotheses.each[i].components[0] for i in hypotheses.singles]
         return [name for name in dict.fromkeys(names) if "/" in name]
 
     def look(self, fault: str, twist: Twist) -> Visibility:
@@ -133,7 +133,7 @@ class Isolability:
         speed = (drive.roll_radius * motion.wheel_rate[drive.roll_wheels]).tolist()
         on_time = [0.0] * len(speed)
         target = Target(
-            heading.tolist(), still, still, speed, on_time, on_time, shown.tolist(), twist
+            heading.tolist(), still, still, speed, on_time, on_time, shown.tolist(), twist, 0.0
         )
         if not self._commanded:
             nothing = [math.nan] * drive.n
@@ -146,6 +146,7 @@ class Isolability:
                 on_time,
                 nothing,
                 (math.nan,) * 3,
+                0.0,
                 known=False,
             )
         return step, target

@@ -10,6 +10,7 @@ import numpy as np
 
 from wackel_diagnoser.command_times import CommandTimes
 from wackel_diagnoser.drive_lags import DriveLags
+from wackel_diagnoser.pace import Pace
 from wackel_diagnoser.steering_rate import SteeringRate
 from wackel_drive.alignment import Step
 from wackel_drive.layout import Layout
@@ -75,6 +76,7 @@ class Target(msgspec.Struct, frozen=True, gc=False):
             learnt, the same of a step up to SETTLING_S.
         goal: Commanded headings, on this side or half a turn round.
         twist: Commanded.
+        off_s: By how much the step is longer than most, as far as its stamps may be wrong.
         pending_share: Of the first gap, by which headings may be off: PENDING, and more if the lag
             of steering is not learnt.
         lag_share: By which the lag of rolling may be another: LAG, and more if it is not learnt.
@@ -89,6 +91,7 @@ class Target(msgspec.Struct, frozen=True, gc=False):
     speed_late: list[float]
     goal: list[float]
     twist: Twist
+    off_s: float
     pending_share: float = PENDING
     lag_share: float = LAG
     known: bool = True
@@ -129,7 +132,8 @@ class Reference:
             if not drive.steers[i]
         ]
         self._waiting: deque[tuple[int, Twist]] = deque(maxlen=_MOST_WAITING)
-        self._times = CommandTimes()
+        self._times = CommandTimes(self._steered)
+        self._pace = Pace()
         self._twist: Twist = (0.0, 0.0, 0.0)
         self._heading = [wheel.heading for wheel in config.wheels]
         self._speed = [0.0] * n
@@ -189,11 +193,11 @@ class Reference:
         self._times.pass_to(step.begin)
         if missed and self._may_have_turned_round(before):
             self._times.doubt(step.begin)
+        off_s = self._pace.off_s(step.seconds)
         self._steering_rate.step(step.steered, step.seconds)
-        steered = (step.steered[i] for i in self._steered)
-        if not self._times.is_known(step.begin, steered, step.seconds):
+        if not self._times.is_known(step.begin, step.steered, step.seconds):
             self._known = False
-            return self._unknown(step)
+            return self._unknown(step, off_s)
         heading = step.heading
         if not self._known:
             self._start(heading, step.wheel_rate)
@@ -215,7 +219,7 @@ class Reference:
         gap = [*map(sub, state, goal)]
         turns, hastens = gap[:n], gap[n:]
         middle, turned = self._move(turns, hastens, dt, most)
-        self._lags.follow(goal, dt, most)
+        self._lags.follow(goal, dt, most, off_s)
         if learnt_s and (max(gap) > TELLS or min(gap) < -TELLS):
             self._learn(heading, step, learnt_s, (_tells(turns), _tells(hastens)))
         fade = math.exp(-dt / SETTLING_S)
@@ -240,6 +244,7 @@ class Reference:
             [*map(abs, late)],
             goal[:n],
             self._twist,
+            off_s,
             PENDING if steering_learnt else PENDING_UNLEARNT,
             LAG if rolling_learnt else LAG_UNLEARNT,
         )
@@ -253,11 +258,13 @@ class Reference:
             goal[at] * before[at] < 0.0 for at in self._both
         )
 
-    def _unknown(self, step: Step) -> Target:
+    def _unknown(self, step: Step, off_s: float) -> Target:
         fast = AS_FAST * self._steering_rate.now * step.seconds
         gap = [FAR_RAD if abs(each) > fast else 0.0 for each in step.steered]
         heading, speed, still = self._nowhere
-        return Target(heading, heading, gap, speed, still, still, heading, _NO_TWIST, known=False)
+        return Target(
+            heading, heading, gap, speed, still, still, heading, _NO_TWIST, off_s, known=False
+        )
 
     def _move(
         self, turns: list[float], hastens: list[float], dt: float, most: float

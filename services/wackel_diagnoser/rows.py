@@ -17,7 +17,6 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from wackel_diagnoser.pace import Pace
 from wackel_diagnoser.reference import PENDING, Target
 from wackel_diagnoser.transients import Untold
 from wackel_diagnoser.tyres import Tyres
@@ -87,7 +86,26 @@ class Spread(NamedTuple):
     size: Floats
 
 
-class Measured(msgspec.Struct, frozen=True, gc=False):
+class _Seen(msgspec.Struct, frozen=True, gc=False):
+    """What variances depend on, of a step: as in :meth:`Rows.measure`."""
+
+    target: Target
+    present: Bools
+    sliding: list[float]
+    shown: list[float]
+    turning: list[float]
+    lag: list[float]
+    lagging: list[float]
+    forced: list[float]
+    changed: list[float]
+    uneven: float
+    late_yaw: float
+    speed: float
+    mean: float
+    seconds: float
+
+
+class Measured(msgspec.Struct, gc=False):
     """Rows of a step; a missing one has z = 0, h = 0 and size = 0, so that it says nothing.
 
     Attributes:
@@ -95,8 +113,6 @@ class Measured(msgspec.Struct, frozen=True, gc=False):
         h: Shape (M, 3).
         misses: By how much gyros are off the twist below, rad/s, and steerings and drives off their
             references, rad and m/s; 0 where one says nothing.
-        spread: By how much they may be off. It is worked out when somebody asks for it, which in
-            most steps nobody does.
         rolled: What each roll row measured, m/s.
         yielded: By how much each drive is usually faster than its reference (mostly slower), which
             has been taken off, m/s, shape (roll rows,).
@@ -112,7 +128,6 @@ class Measured(msgspec.Struct, frozen=True, gc=False):
     z: Floats
     h: Floats
     misses: list[float]
-    spread: Callable[[], Spread]
     rolled: list[float]
     yielded: list[float]
     speed: float
@@ -121,6 +136,16 @@ class Measured(msgspec.Struct, frozen=True, gc=False):
     present: Bools
     followed: list[float]
     turning: list[float]
+    _seen: _Seen
+    _work_out: Callable[[_Seen], Spread]
+    _spread: Spread | None = None
+
+    def spread(self) -> Spread:
+        """By how much they may be off. It is worked out when somebody asks for it, which in most
+        steps nobody does."""
+        if self._spread is None:
+            self._spread = self._work_out(self._seen)
+        return self._spread
 
 
 class Following(NamedTuple):
@@ -241,7 +266,6 @@ class Rows:
         step = config.encoder_step / math.sqrt(6)  # of a difference, or a mean of two
         self._untold_drives = Untold([step] * drive.n, (drive.roll_radius * step / STEP_S).tolist())
         self._gyro_before = self._turned = self._no_gyros
-        self._pace = Pace()
         self._missed, self._shakes = self._no_rolls, 0.0  # of the last step
         # The references' yaw rate, and by how much that has changed of late, rad/s.
         self._told_yaw, self._asked = math.nan, 0.0
@@ -356,53 +380,28 @@ class Rows:
         lagging = [*map(mul, sliding, lag)] if len(lag) == len(sliding) else self._no_slides
         creep = self._tyres.creep(rows[-1], made, mean, speed, dt)
         mean += creep
-        gaps, slides, uneven = target.heading_gap, len(sliding), self._uneven(missed, speeds, dt)
+        uneven = self._uneven(missed, target, dt)
         changed = self._changed(turning, followed[2])
-        late_yaw, spread = self._tyres.late_yaw, None
-
-        def work_out() -> Spread:
-            nonlocal spread
-            if spread is None:
-                spread = self._spread(
-                    # How much is shown; what is forced or late, or belongs to another time; and
-                    # what causes depend on.
-                    (
-                        *sliding,
-                        *shown,
-                        *turning,
-                        *self._no_steering,
-                        *shown,
-                        *map(add, forced[:slides], lagging),
-                        *forced[slides:],
-                        *[
-                            JERK * each + uneven * abs(rate) + late_yaw
-                            for each, rate in zip(changed, turning, strict=True)
-                        ],
-                        *map(add, [target.pending_share * gaps[i] for i in steered], lag),
-                        *[
-                            max(PENDING * gap, target.lag_share * late) + uneven * speed
-                            for gap, late, speed in zip(
-                                target.speed_gap, target.speed_late, shown, strict=True
-                            )
-                        ],
-                        1.0,
-                        1 / dt,
-                        1 / dt**2,
-                        speed,
-                        mean,
-                        # While wheels turn, their references contradict each other: they slip.
-                        DROOP_M_S * mean / (mean + GRIP_M_S),
-                        speed * speed,
-                    ),
-                    present,
-                )
-            return spread
-
+        seen = _Seen(
+            target,
+            present,
+            sliding,
+            shown,
+            turning,
+            lag,
+            lagging,
+            forced,
+            changed,
+            uneven,
+            self._tyres.late_yaw,
+            speed,
+            mean,
+            dt,
+        )
         return Measured(
             np.frombuffer(self._pack_z(*z)),  # in half the time of an array of them
             h,
             misses,
-            work_out,
             rolled,
             yielded,
             speed,
@@ -411,6 +410,8 @@ class Rows:
             present,
             followed,
             turning_rolls,
+            seen,
+            self._spread,
         )
 
     def _aimed(self, target: Target, late: float, stands: list[float]) -> list[float]:
@@ -469,14 +470,39 @@ class Rows:
         mean = math.sqrt(sum([each * each for each in forced]) / len(forced))
         return forced, mean, self._tyres.slip(rows, rolled)[2]
 
-    def _spread(self, values: tuple[float, ...], present: Bools) -> Spread:
-        """By how much rows may be off.
-
-        Args:
-            values: What rows show, what is forced or late, and what causes depend on, shape
-                (2 M + 7,).
-            present: Which rows are there.
-        """
+    def _spread(self, seen: _Seen) -> Spread:
+        """By how much rows may be off."""
+        target, shown, lag, mean, dt = seen.target, seen.shown, seen.lag, seen.mean, seen.seconds
+        forced, gaps, slides = seen.forced, target.heading_gap, len(seen.sliding)
+        uneven, late_yaw, speed = seen.uneven, seen.late_yaw, seen.speed
+        # How much is shown; what is forced or late, or belongs to another time; and what causes
+        # depend on.
+        values = (
+            *seen.sliding,
+            *shown,
+            *seen.turning,
+            *self._no_steering,
+            *shown,
+            *map(add, forced[:slides], seen.lagging),
+            *forced[slides:],
+            *[
+                JERK * each + uneven * abs(rate) + late_yaw
+                for each, rate in zip(seen.changed, seen.turning, strict=True)
+            ],
+            *map(add, [target.pending_share * gaps[i] for i in self._steered], lag),
+            *[
+                max(PENDING * gap, target.lag_share * late) + uneven * each
+                for gap, late, each in zip(target.speed_gap, target.speed_late, shown, strict=True)
+            ],
+            1.0,
+            1 / dt,
+            1 / dt**2,
+            speed,
+            mean,
+            # While wheels turn, their references contradict each other: they slip.
+            DROOP_M_S * mean / (mean + GRIP_M_S),
+            speed * speed,
+        )
         count = self.count
         # Twice as fast as to make an array of them.
         squares = np.frombuffer(bytearray(self._pack(*values)))
@@ -489,11 +515,11 @@ class Rows:
         variance = scaled[:count]
         variance += causes[:count]
         variance += scaled[count:]
-        if present is not self.every:
-            size *= present
+        if seen.present is not self.every:
+            size *= seen.present
         return Spread(variance, loose, size)
 
-    def _uneven(self, missed: list[float], speeds: list[float], dt: float) -> float:
+    def _uneven(self, missed: list[float], target: Target, dt: float) -> float:
         """Share by which all speeds may be off, for another time was measured than stamps say.
 
         Either a step is longer or shorter than most; or an adapter or the computer was late by a
@@ -502,20 +528,19 @@ class Rows:
 
         Args:
             missed: By how much each roll row's wheel is faster than its reference, m/s.
-            speeds: Of the references, m/s.
+            target: What it should have done.
             dt: Of the step, s.
         """
-        off = self._pace.off_s(dt)
         before, self._missed = self._missed, missed
         faster = [
             (now - then) / speed
-            for now, then, speed in zip(missed, before, speeds, strict=True)
+            for now, then, speed in zip(missed, before, target.speed, strict=True)
             if abs(speed) > MOVING_M_S and math.isfinite(now - then)
         ]
         if len(faster) > 1:  # of one alone nobody can tell
             common = max(min(faster), -max(faster), 0.0)  # none if they differ in sign
             self._shakes = max(min(common, UNCERTAIN_S / dt), SHAKES_FADE * self._shakes)
-        return max(abs(off) / dt, self._shakes)
+        return max(abs(target.off_s) / dt, self._shakes)
 
     def _changed(self, turning: list[float], told: float) -> list[float]:
         """By how much each gyro's value has changed, in this step and in the one before, as far as

@@ -63,13 +63,11 @@ class Standing:
             present: Whether its sensor was heard.
         """
         fade = math.exp(-seconds / FOLLOWING_S)
-        rests = True
-        for roll, (should, does, known) in enumerate(zip(told, rolled, present, strict=True)):
-            rests &= not abs(should) > DRIVING_M_S
-            if known and abs(should) > DRIVING_M_S:
-                self._off[roll] = fade * self._off[roll] + abs(does - should)
-                self._told[roll] = fade * self._told[roll] + abs(should)
         driven = stand(told, rolled, present)
+        for roll in driven:
+            should = told[roll]
+            self._off[roll] = fade * self._off[roll] + abs(rolled[roll] - should)
+            self._told[roll] = fade * self._told[roll] + abs(should)
         moves = not all(driven.values())
         for roll, stands in driven.items():
             if not stands:
@@ -77,7 +75,8 @@ class Standing:
             elif moves:
                 self._stood_s[roll] += seconds
                 self._altogether_s[roll] += seconds
-        if rests:  # how a wheel came to rest says nothing of how it leaves it
+        if not driven and not any(abs(should) > DRIVING_M_S for should in told):
+            # How a wheel came to rest says nothing of how it leaves it.
             self._stood_s = [0.0] * len(self._stood_s)
 
     def rows(self) -> list[int]:

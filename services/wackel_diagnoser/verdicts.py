@@ -497,10 +497,10 @@ class Verdicts:
         self, step: Step, target: Target, measured: Measured, likelihood: Floats
     ) -> None:
         """Which parts of what is named show that nothing is wrong with them."""
-        members = self._hypotheses.members
-        faulty = likelihood[members[self._sequential.verdict]].max()
+        members, item = self._hypotheses.members, likelihood.item
+        faulty = max(map(item, members[self._sequential.verdict]))
         for left, soundness in self._soundness.items():
-            evidence = float(faulty - likelihood[members[left]].max())
+            evidence = faulty - max(map(item, members[left]))
             soundness.step(step, target, measured, evidence)
 
 

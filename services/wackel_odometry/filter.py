@@ -8,6 +8,7 @@ too, so the estimate does not lag behind the measurements.
 
 import math
 import struct
+from collections.abc import Callable
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
@@ -108,8 +109,9 @@ class PlanarFilter(ExtendedKalmanFilter):  # type: ignore[misc]
             np.concatenate([np.zeros(3), AGILITY, np.square(bias_stability) / BIAS_TIME_S])
         )
         # Much faster than to set single numbers of an array.
-        self._pack_pose = struct.Struct("=3d").pack_into
-        self._pack_pose_rows = struct.Struct("=" + f"6d{8 * len(bias_sigma)}x" * 3).pack_into
+        rows = "=" + f"6d{8 * len(bias_sigma)}x" * 3
+        self._pack_pose: Callable[..., None] = struct.Struct("=3d").pack_into
+        self._pack_pose_rows: Callable[..., None] = struct.Struct(rows).pack_into
         self.seconds = 0.0
         self.restart()
 

@@ -54,7 +54,7 @@ class Driven:
         shown, should = [0.0, heading, 0.0], [0.0, told, 0.0]
         rates = [0.5, speed, 0.5]
         step = Step(begin, self.end, STEP_NS / 1e9, shown, still, still, [0.0])
-        target = Target(should, still, still, rates, still, still, should, (0.0, 0.0, 0.0))
+        target = Target(should, still, still, rates, still, still, should, (0.0, 0.0, 0.0), 0.0)
         self.history.add(step, target, replace(self._measured, rolled=[0.5, rolled, 0.5]))
 
 

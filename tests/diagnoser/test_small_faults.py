@@ -66,6 +66,7 @@ class Driven:
             [0.0] * len(speed),
             heading.tolist(),
             (twist[0], twist[1], twist[2]),
+            0.0,
         )
         shown = heading + self.off, zeros, rates * self.scale, np.array([yaw])
         step = Step(begin, self._now, STEP_S, *(each.tolist() for each in shown))

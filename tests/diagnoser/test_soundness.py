@@ -71,7 +71,9 @@ class Named:
 
     def _target(self, speed: float) -> Target:
         told, nothing = [self._told] * 3, [0.0] * 3
-        return Target(told, nothing, nothing, [speed] * 3, nothing, nothing, told, (0.0, 0.0, 0.0))
+        return Target(
+            told, nothing, nothing, [speed] * 3, nothing, nothing, told, (0.0, 0.0, 0.0), 0.0
+        )
 
 
 DRIVE, STEERING = component.wheel_drive("w1"), component.wheel_steering("w1")
