@@ -1,7 +1,6 @@
 """The last seconds of each wheel, to call a fault by its row of the paper's table 1."""
 
 import math
-from itertools import pairwise
 from struct import Struct
 
 import numpy as np
@@ -41,8 +40,9 @@ class History:
 
     def __init__(self, layout: Layout) -> None:
         n, rolls = layout.drive.n, len(layout.drive.roll_wheels)
-        ends = np.cumsum([1, n, n, rolls, rolls]).tolist()
-        self._columns = [slice(a, b) for a, b in pairwise(ends)]
+        # The first column of each kind, after the stamp.
+        self._heading, self._told, self._speed = 1, 1 + n, 1 + 2 * n
+        self._rolled = self._speed + rolls
         step = Struct(f"{1 + 2 * n + 2 * rolls}d")
         self._pack_into, self._size = step.pack_into, step.size
         # Those that have not been yet ended before all others.
@@ -69,34 +69,32 @@ class History:
 
     def standing_share(self, roll: int, since: int) -> float | None:
         """Share of the time in which a wheel stood though it should roll; ``None``: unknown."""
-        _, _, speed, rolled = self._since(since)
-        should = np.abs(speed[:, roll])
+        speed, rolled = self._since(since, self._speed + roll, self._rolled + roll)
+        should = np.abs(speed)
         driven = should > DRIVING_M_S
         count = np.count_nonzero(driven)
         if not count:
             return None
-        stood = driven & (np.abs(rolled[:, roll]) < STANDING * should)
+        stood = driven & (np.abs(rolled) < STANDING * should)
         return np.count_nonzero(stood) / count
 
     def steering_frozen(self, wheel: int, since: int) -> bool:
         """Whether a steering stood although it was told to move."""
-        heading, told, _, _ = self._since(since)
-        moved, followed = _spread(told[:, wheel]), _spread(heading[:, wheel])
+        heading, told = self._since(since, self._heading + wheel, self._told + wheel)
+        moved, followed = _spread(told), _spread(heading)
         return moved > MOVED_RAD and followed < min(FROZEN_RAD, 0.3 * moved)
 
     def off(self, wheel: int, since: int) -> float:
         """Mean of how far a steering stands off its reference, rad; 0 if unknown."""
-        heading, told, _, _ = self._since(since)
-        apart = _known(heading[:, wheel] - told[:, wheel])
+        heading, told = self._since(since, self._heading + wheel, self._told + wheel)
+        apart = _known(heading - told)
         return float(apart.mean()) if len(apart) else 0.0
 
-    def _since(self, since: int) -> list[Floats]:
-        """Of the steps that ended at a stamp or after it, in no order: where wheels pointed and
-        should have, rad, shape (k, n); and at which speed each roll row's should have rolled and
-        did, m/s."""
+    def _since(self, since: int, *columns: int) -> list[Floats]:
+        """Of the k steps that ended at a stamp or after it, in no order, shape (k,) each."""
         steps = np.frombuffer(self._buffer).reshape(MOST_STEPS, -1)
-        steps = steps[steps[:, 0] >= since]
-        return [steps[:, each] for each in self._columns]
+        late = steps[:, 0] >= since
+        return [steps[:, column][late] for column in columns]
 
 
 def _known(values: Floats) -> Floats:

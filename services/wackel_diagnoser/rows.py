@@ -9,6 +9,7 @@ calibration: it is constant, so that hours of one motion say nothing of the next
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from itertools import pairwise, repeat
 from operator import add, mul, sub
 from struct import Struct
@@ -136,15 +137,14 @@ class Measured(msgspec.Struct, gc=False):
     present: Bools
     followed: list[float]
     turning: list[float]
-    _seen: _Seen
-    _work_out: Callable[[_Seen], Spread]
+    _work_out: Callable[[], Spread]
     _spread: Spread | None = None
 
     def spread(self) -> Spread:
         """By how much they may be off. It is worked out when somebody asks for it, which in most
         steps nobody does."""
         if self._spread is None:
-            self._spread = self._work_out(self._seen)
+            self._spread = self._work_out()
         return self._spread
 
 
@@ -410,8 +410,7 @@ class Rows:
             present,
             followed,
             turning_rolls,
-            seen,
-            self._spread,
+            partial(self._spread, seen),
         )
 
     def _aimed(self, target: Target, late: float, stands: list[float]) -> list[float]:

@@ -34,7 +34,6 @@ class Driven:
             nothing,
             np.zeros((rows.count, 3)),
             nothing[rows.gyros.start :].tolist(),
-            lambda: Spread(nothing, nothing, nothing),
             [0.0] * 3,
             [0.0] * 3,
             0.0,
@@ -43,6 +42,7 @@ class Driven:
             rows.every,
             [0.0] * 3,
             [0.0] * 3,
+            lambda: Spread(nothing, nothing, nothing),
         )
 
     def step(

@@ -51,7 +51,6 @@ class Named:
                 z,
                 h,
                 z[self._rows.gyros.start :].tolist(),
-                lambda: spread,
                 [],
                 [],
                 speed,
@@ -60,6 +59,7 @@ class Named:
                 self._rows.every,
                 still,
                 [],
+                lambda: spread,
             )
             self._soundness.step(self._step(), self._target(speed), measured, evidence)
 
