@@ -88,7 +88,24 @@ class Spread(NamedTuple):
 
 
 class _Seen(msgspec.Struct, frozen=True, gc=False):
-    """What variances depend on, of a step: as in :meth:`Rows.measure`."""
+    """What variances depend on, of a step.
+
+    Attributes:
+        target: What the wheels should have done.
+        present: Which rows are there.
+        sliding: Speed of the wheel of each slide row, m/s.
+        shown: Of each roll row's wheel, or of its reference if that is faster, m/s.
+        turning: What gyros show less their bias, rad/s.
+        lag: By how much steerings may belong to another time, rad.
+        lagging: What that is across each slide row, m/s.
+        forced: m/s by which references force wheels to slip, of slide and roll rows.
+        changed: By how much each gyro has changed unasked, rad/s.
+        uneven: Share by which all speeds may be off, for the step took another time.
+        late_yaw: rad/s by which the robot turns otherwise than its wheels, see :class:`Tyres`.
+        speed: The fastest wheel's, m/s.
+        mean: How much wheels slip on average, m/s.
+        seconds: Length of the step.
+    """
 
     target: Target
     present: Bools
