@@ -138,7 +138,7 @@ class Rows:
         self._pack = struct.Struct(f"={count}d{diagonal}{diagonal}").pack
         self._pack_turns = struct.Struct(f"{2 * drive.n + 1}d").pack
         self.every = [True] * count
-        self._slips = [1.0] * self.wheels + [0.0] * len(gyros)
+        self._slips = [1.0] * self.wheels + [0.0] * len(gyros)  # whether each row's wheel may
         # Each row is so much of the cosine of its wheel's heading, so much of the sine, or itself.
         h = np.zeros((2 * drive.n + 1, count, FIRST_BIAS + len(gyros)))
         rows, wheels = np.arange(self.wheels), drive.row_wheels
