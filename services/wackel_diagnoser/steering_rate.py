@@ -61,10 +61,10 @@ class SteeringRate:
             off -= usual * round(off / usual)
         self._usual_s = usual + max(EVENS, 1.0 / self._steps) * off
         kept = max(1.0 - seconds / UNEVEN_S, 0.0)
-        late_s = self._late_s = max(kept * self._late_s + off, 0.0)
-        self._unsure_s = max(abs(off), late_s, kept * self._unsure_s)
-        now = self.now = max(LEAST, self.now - seconds / MEMORY_S * self.now)
-        most = now * seconds
+        self._late_s = max(kept * self._late_s + off, 0.0)
+        self._unsure_s = max(abs(off), self._late_s, kept * self._unsure_s)
+        self.now = max(LEAST, self.now - seconds / MEMORY_S * self.now)
+        most = self.now * seconds
         before, self._before = self._before, (turned, seconds)
         # Not so if the first is not known.
         if max(turned) <= most and min(turned) >= -most and not self._one_is_fast:

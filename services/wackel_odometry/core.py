@@ -96,7 +96,7 @@ class Odometer:
             np.array([gyro.bias_stability for gyro in settings]),
         )
         size = FIRST_BIAS + len(settings)
-        self._pose_block, self._twist_block = _block(size, POSE), _block(size, TWIST)
+        self._pose_block, self._twist_block = _submatrix(size, POSE), _submatrix(size, TWIST)
         self._standstill = Standstill(layout.drive.roll_wheels, config.encoder_step, density)
         self._at_rest = np.zeros((3, size))
         self._at_rest[:, TWIST] = np.eye(3)
@@ -579,7 +579,7 @@ class Odometer:
         self._lost_until = after + ANEW_NS
 
 
-def _block(size: int, block: slice) -> Callable[[Sequence[float]], tuple[float, ...]]:
+def _submatrix(size: int, block: slice) -> Callable[[Sequence[float]], tuple[float, ...]]:
     """Takes rows and columns out of a square matrix, row by row, from its numbers, row by row."""
     return itemgetter(*np.arange(size * size).reshape(size, size)[block, block].ravel().tolist())
 

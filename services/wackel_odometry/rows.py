@@ -30,7 +30,7 @@ SAME_MOTION_S = 3.0
 the pose on random paths is as far off as its covariance says."""
 CREEP = 0.002
 """m/s by which a wheel may creep sideways, whatever its speed."""
-_CREEPS = CREEP**2
+_CREEP_SQUARE = CREEP**2
 TURNING_LAG_S = 0.001
 """Time between the readings of drive and steering within one answer to a sync read."""
 SLIPPING = 0.05
@@ -138,7 +138,7 @@ class Rows:
         self._pack = struct.Struct(f"={count}d{diagonal}{diagonal}").pack
         self._pack_turns = struct.Struct(f"{2 * drive.n + 1}d").pack
         self.every = [True] * count
-        self._slips = [1.0] * self.wheels + [0.0] * len(gyros)  # whether each row's wheel may
+        self._may_creep = [1.0] * self.wheels + [0.0] * len(gyros)
         # Each row is so much of the cosine of its wheel's heading, so much of the sine, or itself.
         h = np.zeros((2 * drive.n + 1, count, FIRST_BIAS + len(gyros)))
         rows, wheels = np.arange(self.wheels), drive.row_wheels
@@ -179,7 +179,7 @@ class Rows:
             0.0 if wheel is None else speed * turned[wheel] * late
             for speed, wheel in zip(sliding, self._lagging, strict=True)
         ]
-        white = [_CREEPS + each * each for each in lag]
+        white = [_CREEP_SQUARE + each * each for each in lag]
         per_s2 = rate * rate
         white += [each * per_s2 for each in self._quantum]
         white += [each * rate for each in self._density]
@@ -191,14 +191,14 @@ class Rows:
         creep = self._slip.creep(twist, dt) * max(LASTS_S * rate, 1.0)
         at_once = [*map(add, white, systematic)]
         lasting = [
-            each + stays * same + creep * slips
-            for each, same, slips in zip(at_once, systematic, self._slips, strict=True)
+            each + stays * same + creep * may
+            for each, same, may in zip(at_once, systematic, self._may_creep, strict=True)
         ]
         values = [*self._no_slides, *rolled, *turning]
         # Twice as fast as to make arrays of lists.
         packed = np.frombuffer(self._pack(*values, *at_once, *lasting)).reshape(-1, count)
         # By what a row that moves hardly is off at least.
-        most_pulled = 1.0 + self._slip.pull(sliding, turned, dt) / _CREEPS
+        most_pulled = 1.0 + self._slip.pull(sliding, turned, dt) / _CREEP_SQUARE
         unknown = [] if whole else [i for i, at in enumerate(heading) if not math.isfinite(at)]
         h = self._rows_along(heading, unknown)
         present = self.every
