@@ -19,7 +19,7 @@ from wackel_schemas import component
 from wackel_schemas.bus import BusState
 from wackel_schemas.drive import ImuSample
 
-Refusal: TypeAlias = Arrival | Literal["implausible", "ahead", "uncertain"]
+Refusal: TypeAlias = Arrival | Literal["implausible", "ahead", "uncertain", "asked_again"]
 
 WAIT_NS = 30_000_000
 """How far the wheels' samples go on before a sensor has been waited for in vain: three cycles at
@@ -151,6 +151,12 @@ class Alignment:
             if position is None and (velocity is None or track.shows_angle(stamp)):
                 continue
             if not believed:
+                if state.asked_again:
+                    # Between two usual states, one in which each wheel is shown at another time
+                    # makes some seem too fast by a tenth, and then too slow. Why they were asked
+                    # again, the classifier tells of the bus.
+                    self.counts[component.bus(bus), "asked_again"] += 1
+                    return False
                 if not state.late_s <= UNCERTAIN_S:  # NaN is not, either
                     self._refuse(component.bus(bus), "uncertain")
                     return False

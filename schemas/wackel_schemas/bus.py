@@ -117,10 +117,15 @@ class BusState(Message, kw_only=True):
         servos: In the order of the answers.
         late_s: How much later than usual these came. Whether the adapter held back them or the
             instruction is not known, so the values may be of a time so much after the stamp.
+        asked_again: Whether others before these did not answer, so that these were asked once more,
+            with another instruction than usual. A servo may read its registers when its turn to
+            answer comes, so the values may be of times that differ, by milliseconds and from servo
+            to servo, from those of usual states.
     """
 
     servos: list[ServoState]
     late_s: float = 0.0
+    asked_again: bool = False
 
 
 class ServoStatistics(Record, kw_only=True):

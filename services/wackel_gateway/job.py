@@ -39,6 +39,11 @@ class Job:
     block: Block | None = None
 
     @property
+    def asks_again(self) -> bool:
+        """Whether others did not answer just before, so that it asks the rest of them."""
+        return self.stage in (Stage.PLAIN, Stage.REST)
+
+    @property
     def is_fast(self) -> bool:
         """Whether it is a Fast Sync Read."""
         return self.instruction[packet.PREFIX_BYTES] == packet.Instruction.FAST_SYNC_READ

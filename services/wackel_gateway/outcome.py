@@ -28,6 +28,7 @@ class Outcome:
         host_lag_ns: Longest oversleeping of the process meanwhile.
         baud_rate: Bit/s.
         late_ns: How much later than usual the answers came, without that oversleeping.
+        asked_again: Whether it asked the rest after others had not answered.
     """
 
     purpose: Purpose
@@ -42,6 +43,7 @@ class Outcome:
     host_lag_ns: int
     baud_rate: int
     late_ns: int = 0
+    asked_again: bool = False
 
     @property
     def received_bytes(self) -> int:

@@ -95,6 +95,7 @@ class Poller:
                     outbox.release_all()
                     self._reporter.publish(late)
                 outcome = exchange.gather()
+                outcome.asked_again = job.asks_again
                 if outcome.late:
                     waited_ns = self._processor_wait.total_ns() - waited_before_ns
                     outcome.host_lag_ns = max(outcome.host_lag_ns, waited_ns)

@@ -70,7 +70,14 @@ class Reporter:
         if servos:
             # The values are of the time at which the request had reached all servos.
             stamp = self._node.clock.stamp_ns(outcome.sent_ns)
-            self._states.put(BusState(stamp=stamp, servos=servos, late_s=outcome.late_ns / 1e9))
+            self._states.put(
+                BusState(
+                    stamp=stamp,
+                    servos=servos,
+                    late_s=outcome.late_ns / 1e9,
+                    asked_again=outcome.asked_again,
+                )
+            )
 
     def cycle(self, took_ns: int) -> None:
         """A cycle's reads took so long."""

@@ -232,6 +232,21 @@ def test_a_state_of_doubtful_time_is_left_out(late_s: float) -> None:
     assert aligned.refused == [("bus/main", "uncertain")]
 
 
+def test_wheels_that_were_asked_again_are_left_out_and_nobody_is_blamed() -> None:
+    aligned = alignment()
+    again = state(10)
+    again.asked_again = True
+    moved_on = again.servos[1]
+    assert moved_on.position is not None
+    moved_on.position += RATE * 0.0015  # it answers so much later where all answer one by one
+    for each in (state(0), again, state(20)):
+        aligned.bus_state("main", each)
+    (step,) = steps(aligned)
+    assert ends([step]) == [20]
+    assert step.wheel_rate == pytest.approx([RATE, RATE])
+    assert (aligned.refused, aligned.counts) == ([], {("bus/main", "asked_again"): 1})
+
+
 @pytest.mark.parametrize("late_s", [0.005, 1e9, math.inf, math.nan])
 def test_a_gyro_sample_of_doubtful_time_is_left_out(late_s: float) -> None:
     aligned = alignment(gyro=True)

@@ -133,6 +133,18 @@ def test_a_silent_servo_costs_the_others_at_most_one_cycle(
     gateway.wait_until(gateway.answering(IDS))
 
 
+def test_what_is_asked_again_says_so(bus: Bus, start_gateway: StartGateway) -> None:
+    gateway = start_gateway(bus.config)
+    gateway.wait_until(gateway.answering(IDS))
+    bus.inject("silent", servo=3)
+    gateway.wait_until(lambda: any(state.asked_again for state in gateway.states))
+    again = [state for state in gateway.states if state.asked_again]
+    # Those behind it, in the cycle in which it fell silent; from then on cycles are without it.
+    assert [[servo.id for servo in state.servos] for state in again] == [[4, 5, 6]]
+    gateway.wait_until(lambda: gateway.states[-1].stamp > again[0].stamp + 200_000_000)
+    assert again == [state for state in gateway.states if state.asked_again]
+
+
 def test_behind_a_broken_cable_every_servo_is_pinged_and_comes_back(
     bus: Bus, start_gateway: StartGateway
 ) -> None:
