@@ -93,7 +93,8 @@ def keep(path: Path, code: str, driven: Iterable[Driven]) -> None:
         ranges[-1][1] = number
     alarms = {str(number): by_number[number] for number in sorted(by_number) if by_number[number]}
     written = path.with_suffix(".new")
-    written.write_text(json.dumps({"code": code, "driven": ranges, "alarms": alarms}, indent=1))
+    kept = {"code": code, "driven": ranges, "alarms": alarms}
+    written.write_text(json.dumps(kept, indent=1) + "\n")
     written.replace(path)
 
 
