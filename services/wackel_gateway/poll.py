@@ -164,7 +164,7 @@ class Poller:
 
     def _command(self, command: BusCommand) -> None:
         if self._exchange is None:
-            self._reporter.refused("command", Refused("adapter unplugged", self._config.port))
+            self._reporter.refused("command", Refused("port not open", self._config.port))
             return
         try:
             instructions = writes(command.goals, self._roster)
@@ -197,7 +197,7 @@ class Poller:
         now = self._node.clock.now_ns()
         try:
             if self._exchange is None:
-                raise Refused("adapter unplugged", self._config.port)
+                raise Refused("port not open", self._config.port)
             management = Management(self._exchange, self._roster, self._reporter.publish)
             return management.carry_out(request, now)
         except Refused as refusal:
