@@ -52,7 +52,7 @@ def main(argv: list[str]) -> int:
         epilog="Needs MuJoCo and matplotlib: pip install 'wackel[sim]'.",
     )
     parser.add_argument(
-        "--output", metavar="DIR", type=Path, default=Path("paper"), help="where to (./paper)"
+        "-o", "--output", metavar="DIR", type=Path, default=Path("paper"), help="where to (./paper)"
     )
     arguments = parser.parse_args(argv)
     missing = [name for name in ("mujoco", "matplotlib") if find_spec(name) is None]
