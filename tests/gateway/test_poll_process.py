@@ -197,6 +197,14 @@ def test_without_an_adapter_it_waits_says_so_and_stops_at_once(
     gateway = start_gateway(bus_config)
     gateway.wait_until(lambda: bool(gateway.faults))
     assert "there is no such port" in gateway.faults[0].message
+    goals = [ServoGoal(id=1, torque_enabled=True)]
+    gateway.link.publisher(keys.COMMAND, bus="main").put(BusCommand(stamp=0, goals=goals))
+    ping = BusRequest(operation="ping", id=1)
+    reply = gateway.link.ask(keys.BUS_REQUEST, ping, bus="main", timeout_s=5)
+    assert (reply.ok, reply.text) == (False, f"port not open: {bus_config.port}")
+    gateway.wait_until(
+        lambda: any(told.rejected == {"port not open": 2} for told in gateway.statistics)
+    )
     assert gateway.stop(signal.SIGINT) == 0
 
 
